@@ -1,0 +1,38 @@
+//! A spectral band: what it is called, what it is for, and where the frame carries it.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// What a band's pupil makes of depth.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Role {
+    /// The pupil lies in the back focal plane: image size does not depend on depth.
+    Telecentric,
+    /// The pupil lies at the lens: image size falls with depth.
+    Entocentric,
+}
+
+impl Role {
+    /// The word used in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Telecentric => "telecentric",
+            Self::Entocentric => "entocentric",
+        }
+    }
+}
+
+/// One `[[band]]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Band {
+    /// The name by which apertures and filters refer to this band.
+    pub name: String,
+    /// Telecentric or entocentric.
+    pub role: Role,
+    /// Centre wavelength, 200 to 20000 nm.
+    pub wavelength_nm: f64,
+    /// The plane of the frame that carries this band: `r`, `g` or `b`, or a page number on a `mono` sensor.
+    pub plane: String,
+}

@@ -1,0 +1,381 @@
+//! The camera: what the user states in `instrument.toml`, checked once.
+
+use std::ops::Deref;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+use crate::check::{self, SyntaxError, ValueError, positive, within};
+use crate::{Aperture, Band, Lens, Mosaic, Projection, Role, Sensor, SpectraSpec};
+
+/// An instrument file that is not legal.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+pub enum InstrumentError {
+    /// Not the TOML that was expected.
+    #[error(transparent)]
+    Syntax(#[from] SyntaxError),
+    /// A value outside its range.
+    #[error(transparent)]
+    Value(#[from] ValueError),
+}
+
+/// `instrument.toml` as it is written; [`Instrument`] is the same, checked.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct InstrumentSpec {
+    /// Version of this format: 1.
+    pub schema: u32,
+    /// What the user calls the camera.
+    pub name: String,
+    /// The lens.
+    pub lens: Lens,
+    /// The sensor.
+    pub sensor: Sensor,
+    /// The bands: one telecentric, one entocentric.
+    #[serde(rename = "band")]
+    pub bands: Vec<Band>,
+    /// The masks and stops.
+    #[serde(rename = "aperture")]
+    pub apertures: Vec<Aperture>,
+    /// Distances at which objects may be; 0.8 to 1.25 of the in-focus distance if left out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub depth_range: Option<DepthRange>,
+    /// Spectral curves, for crosstalk between the bands.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub spectra: Option<SpectraSpec>,
+}
+
+/// `[depth_range]`: the distances between which objects may be.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct DepthRange {
+    /// Nearest distance, mm.
+    pub near_mm: f64,
+    /// Farthest distance, mm.
+    pub far_mm: f64,
+}
+
+/// A checked camera; reads like its [`InstrumentSpec`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct Instrument {
+    spec: InstrumentSpec,
+}
+
+impl Deref for Instrument {
+    type Target = InstrumentSpec;
+
+    fn deref(&self) -> &InstrumentSpec {
+        &self.spec
+    }
+}
+
+impl Instrument {
+    /// Checks every value of `spec`.
+    pub fn new(spec: InstrumentSpec) -> Result<Self, ValueError> {
+        check::schema(spec.schema)?;
+        spec.lens.check()?;
+        spec.sensor.check()?;
+        check_bands(&spec)?;
+        check_apertures(&spec)?;
+        check_focal_lengths(&spec)?;
+        if let Some(DepthRange { near_mm, far_mm }) = spec.depth_range {
+            positive("depth_range.near_mm", near_mm, 1e6)?;
+            positive("depth_range.far_mm", far_mm, 1e6)?;
+            if far_mm <= near_mm {
+                return Err(ValueError::new("depth_range.far_mm", far_mm, format!("above near_mm = {near_mm}")));
+            }
+        }
+        Ok(Self { spec })
+    }
+
+    /// Reads and checks an instrument file.
+    pub fn from_toml(text: &str) -> Result<Self, InstrumentError> {
+        Ok(Self::new(check::parse_toml(text)?)?)
+    }
+
+    /// The instrument as a file that [`Instrument::from_toml`] reads back to the same.
+    pub fn to_toml(&self) -> String {
+        let mut document = toml_edit::ser::to_document(&self.spec).expect("a checked instrument is plain data");
+        for (key, item) in document.iter_mut() {
+            let owned = std::mem::take(item);
+            *item = match owned.into_array_of_tables().map_err(|item| item.into_table()) {
+                Ok(tables) => toml_edit::Item::ArrayOfTables(tables),
+                Err(Ok(table)) => toml_edit::Item::Table(table),
+                Err(Err(other)) if ["band", "aperture"].contains(&key.get()) => {
+                    other.into_array_of_tables().map_or_else(|item| item, toml_edit::Item::ArrayOfTables)
+                }
+                Err(Err(other)) => other,
+            };
+        }
+        document.to_string()
+    }
+
+    /// JSON schema of the instrument file.
+    pub fn json_schema() -> schemars::Schema {
+        schemars::schema_for!(InstrumentSpec)
+    }
+
+    /// What the user stated.
+    pub fn into_spec(self) -> InstrumentSpec {
+        self.spec
+    }
+
+    /// Index of the band with a role.
+    pub fn band_index(&self, role: Role) -> usize {
+        self.bands.iter().position(|band| band.role == role).expect("checked: one band for each role")
+    }
+
+    /// The band with a role.
+    pub fn band(&self, role: Role) -> &Band {
+        &self.bands[self.band_index(role)]
+    }
+
+    /// First-order projection of a band through the aperture that is its pupil, with the focal length that the
+    /// instrument file states.
+    pub fn projection(&self, band: &Band) -> Projection {
+        let (aperture, pupil_radius_mm) = pupil(&self.spec, band).expect("checked: every band has a pupil");
+        let focal_length_mm = match &self.lens {
+            Lens::Thin(lens) => lens.focal_length_mm(&band.name),
+            Lens::Fresnel(lens) => lens.focal_length_mm,
+        };
+        Projection {
+            focal_length_mm,
+            sensor_distance_mm: self.sensor.distance_mm,
+            pupil_position_mm: aperture.position_mm,
+            pupil_centre_mm: aperture.centre_mm,
+            pupil_radius_mm,
+        }
+    }
+
+    /// The projections of the telecentric and the entocentric band.
+    pub fn projections(&self) -> [Projection; 2] {
+        [Role::Telecentric, Role::Entocentric].map(|role| self.projection(self.band(role)))
+    }
+
+    /// Index of the aperture that is a band's pupil.
+    pub fn pupil_index(&self, band: &Band) -> usize {
+        let (aperture, _) = pupil(&self.spec, band).expect("checked: every band has a pupil");
+        self.apertures.iter().position(|own| std::ptr::eq(own, aperture)).expect("the pupil is one of the apertures")
+    }
+
+    /// Distance at which the data sheet's focal length images sharply, `L f/(L − f)`, mm.
+    pub fn focus_distance_mm(&self) -> f64 {
+        let (l, f) = (self.sensor.distance_mm, self.lens.focal_length_mm());
+        l * f / (l - f)
+    }
+
+    /// The distances between which objects may be.
+    pub fn depth_range(&self) -> DepthRange {
+        let focus_mm = self.focus_distance_mm();
+        self.spec.depth_range.unwrap_or(DepthRange { near_mm: 0.8 * focus_mm, far_mm: 1.25 * focus_mm })
+    }
+
+    /// Number of pages that a frame of this camera has.
+    pub fn pages(&self) -> usize {
+        self.sensor.mosaic.pages(self.bands.len())
+    }
+}
+
+/// The aperture that limits a band for points in focus, with the outermost radius that passes there.
+fn pupil<'a>(spec: &'a InstrumentSpec, band: &Band) -> Option<(&'a Aperture, f64)> {
+    let l = spec.sensor.distance_mm;
+    let f = spec.lens.focal_length_mm();
+    let focus_mm = l * f / (l - f);
+    // Width at the aperture of the cone between the lens and a sensor point on the axis, relative to the lens.
+    let cone = |d: f64| if d >= 0.0 { 1.0 - d / l } else { 1.0 + d / focus_mm };
+    spec.apertures
+        .iter()
+        .filter_map(|aperture| Some((aperture, aperture.annuli(&band.name).last()?.outer_mm)))
+        .min_by(|(a, ra), (b, rb)| (ra / cone(a.position_mm).abs()).total_cmp(&(rb / cone(b.position_mm).abs())))
+        .filter(|(_, radius_mm)| radius_mm.is_finite())
+}
+
+fn check_bands(spec: &InstrumentSpec) -> Result<(), ValueError> {
+    for role in [Role::Telecentric, Role::Entocentric] {
+        let count = spec.bands.iter().filter(|band| band.role == role).count();
+        if count != 1 {
+            let value = format!("{count} times {}", role.name());
+            return Err(ValueError::new("band.role", value, "one telecentric and one entocentric band"));
+        }
+    }
+    for (i, band) in spec.bands.iter().enumerate() {
+        within(&format!("band[{i}].wavelength_nm"), band.wavelength_nm, 200.0, 20_000.0)?;
+        let earlier = &spec.bands[..i];
+        if band.name.is_empty() || earlier.iter().any(|other| other.name == band.name) {
+            return Err(ValueError::new(format!("band[{i}].name"), &band.name, "a name of its own"));
+        }
+        let legal = match spec.sensor.mosaic {
+            Mosaic::Mono => "a page number, 0 or 1",
+            _ => "r, g or b",
+        };
+        let pages = spec.sensor.mosaic.pages(spec.bands.len());
+        if spec.sensor.mosaic.site(&band.plane).is_none_or(|site| site.page >= pages) {
+            return Err(ValueError::new(format!("band[{i}].plane"), &band.plane, legal));
+        }
+        if earlier.iter().any(|other| other.plane == band.plane) {
+            return Err(ValueError::new(format!("band[{i}].plane"), &band.plane, "a plane of its own"));
+        }
+    }
+    Ok(())
+}
+
+fn check_apertures(spec: &InstrumentSpec) -> Result<(), ValueError> {
+    for (i, aperture) in spec.apertures.iter().enumerate() {
+        let key = |name: &str| format!("aperture[{i}].{name}");
+        let (position_mm, sensor_mm) = (aperture.position_mm, spec.sensor.distance_mm);
+        // Also false for NaN.
+        if !(position_mm > -1e5 && position_mm < sensor_mm) {
+            let legal = format!("in front of the sensor, below sensor.distance_mm = {sensor_mm}");
+            return Err(ValueError::new(key("position_mm"), position_mm, legal));
+        }
+        within(&key("centre_mm[0]"), aperture.centre_mm[0], -1e3, 1e3)?;
+        within(&key("centre_mm[1]"), aperture.centre_mm[1], -1e3, 1e3)?;
+        if aperture.zones.is_empty() {
+            return Err(ValueError::new(key("zones"), "empty", "at least one zone"));
+        }
+        let mut inner_mm = 0.0;
+        for (k, zone) in aperture.zones.iter().enumerate() {
+            let key = |name: &str| format!("aperture[{i}].zones[{k}].{name}");
+            match zone.radius_mm {
+                Some(radius_mm) if radius_mm.is_finite() && radius_mm > inner_mm => inner_mm = radius_mm,
+                Some(radius_mm) => {
+                    return Err(ValueError::new(key("radius_mm"), radius_mm, format!("finite and above {inner_mm}")));
+                }
+                None if k + 1 == aperture.zones.len() => {}
+                None => return Err(ValueError::new(key("radius_mm"), "missing", "left out in the last zone only")),
+            }
+            if let Some(name) = zone.pass.iter().find(|name| spec.bands.iter().all(|band| band.name != **name)) {
+                return Err(ValueError::new(key("pass"), name, "names of bands"));
+            }
+        }
+    }
+    for (i, band) in spec.bands.iter().enumerate() {
+        if let Some(k) = spec.apertures.iter().position(|aperture| aperture.annuli(&band.name).is_empty()) {
+            let value = format!("blocked by aperture[{k}]");
+            return Err(ValueError::new(format!("band[{i}]"), value, "passed by a zone of every aperture"));
+        }
+        if pupil(spec, band).is_none() {
+            let legal = "a zone with a radius in at least one aperture";
+            return Err(ValueError::new(format!("band[{i}]"), "not limited by any aperture", legal));
+        }
+    }
+    Ok(())
+}
+
+fn check_focal_lengths(spec: &InstrumentSpec) -> Result<(), ValueError> {
+    let l = spec.sensor.distance_mm;
+    let legal = format!("below sensor.distance_mm = {l}, so that something is in focus");
+    if spec.lens.focal_length_mm() >= l {
+        return Err(ValueError::new("lens.focal_length_mm", spec.lens.focal_length_mm(), legal));
+    }
+    if let Lens::Thin(lens) = &spec.lens {
+        for (name, &focal_length_mm) in &lens.focal_length_mm_by_band {
+            let key = format!("lens.focal_length_mm_by_band.{name}");
+            if spec.bands.iter().all(|band| band.name != *name) {
+                return Err(ValueError::new(key, focal_length_mm, "the name of a band"));
+            }
+            if focal_length_mm >= l {
+                return Err(ValueError::new(key, focal_length_mm, legal));
+            }
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::paper;
+
+    /// The paper's file with one piece of text replaced.
+    fn edited(from: &str, to: &str) -> Result<Instrument, InstrumentError> {
+        assert!(paper::INSTRUMENT_TOML.contains(from), "{from:?} is not in the paper's file");
+        Instrument::from_toml(&paper::INSTRUMENT_TOML.replacen(from, to, 1))
+    }
+
+    fn message(from: &str, to: &str) -> String {
+        edited(from, to).expect_err("must be refused").to_string()
+    }
+
+    #[test]
+    fn printing_and_reading_is_the_identity() {
+        for instrument in [
+            paper::instrument(),
+            edited("mosaic = \"rggb\"", "mosaic = \"rgb\"\nblack_level = 12").unwrap(),
+            edited("model = \"thin\"", "model = \"fresnel\"\ngrooves = \"image\"").unwrap(),
+            edited("zones = [{ radius_mm = 0.5", "centre_mm = [0.1, -0.2]\nzones = [{ radius_mm = 0.5").unwrap(),
+            edited("# focal_length_mm_by_band", "focal_length_mm_by_band").unwrap(),
+        ] {
+            let text = instrument.to_toml();
+            assert_eq!(Instrument::from_toml(&text).expect("reads back"), instrument, "{text}");
+        }
+    }
+
+    #[test]
+    fn each_pupil_is_the_smallest_aperture() {
+        let [telecentric, entocentric] = paper::instrument().projections();
+        assert_eq!((telecentric.pupil_position_mm, telecentric.pupil_radius_mm), (100.0, 0.5));
+        assert_eq!((entocentric.pupil_position_mm, entocentric.pupil_radius_mm), (0.0, 1.0));
+    }
+
+    #[test]
+    fn bad_values_are_named_with_what_is_legal() {
+        let cases = [
+            ("pitch_mm = 0.00586", "pitch_mm = -0.00586", "`sensor.pitch_mm` is -0.00586; legal: above 0, up to 1"),
+            ("focal_length_mm = 100.0", "focal_length_mm = nan", "`lens.focal_length_mm` is NaN"),
+            ("focal_length_mm = 100.0", "focal_length_mm = 152", "below sensor.distance_mm = 151"),
+            ("schema = 1", "schema = 2", "`schema` is 2; legal: 1"),
+            (
+                "position_mm = 100.0",
+                "position_mm = 151.0",
+                "`aperture[1].position_mm` is 151; legal: in front of the sensor",
+            ),
+            ("radius_mm = 0.5", "radius_mm = 0", "`aperture[1].zones[0].radius_mm` is 0"),
+            ("pass = [\"blue\"]", "pass = [\"green\"]", "`aperture[0].zones[0].pass` is green"),
+            ("role = \"telecentric\"", "role = \"entocentric\"", "one telecentric and one entocentric band"),
+            ("plane = \"b\"", "plane = \"r\"", "`band[1].plane` is r; legal: a plane of its own"),
+            ("plane = \"b\"", "plane = \"0\"", "`band[1].plane` is 0; legal: r, g or b"),
+            ("far_mm = 370.0", "far_mm = 200.0", "`depth_range.far_mm` is 200; legal: above near_mm = 235"),
+            ("bit_depth = 12", "bit_depth = 17", "`sensor.bit_depth` is 17; legal: 1 to 16"),
+        ];
+        for (from, to, expected) in cases {
+            let message = message(from, to);
+            assert!(message.contains(expected), "{message:?} lacks {expected:?}");
+        }
+    }
+
+    #[test]
+    fn unknown_missing_and_ill_typed_keys_are_named() {
+        let cases = [
+            ("pitch_mm = 0.00586", "pixel_mm = 0.00586", "unknown field `pixel_mm`"),
+            ("role = \"telecentric\"", "", "missing field `role`"),
+            ("role = \"telecentric\"", "role = \"red\"", "unknown variant `red`"),
+            ("bit_depth = 12", "bit_depth = \"12\"", "invalid type"),
+            ("model = \"thin\"", "model = \"thin\"\nthickness_mm = 1.0", "unknown field `thickness_mm`"),
+            ("schema = 1", "schema = ", "line 1"),
+        ];
+        for (from, to, expected) in cases {
+            let message = message(from, to);
+            assert!(message.contains(expected) && !message.contains('\n'), "{message:?} lacks {expected:?}");
+        }
+    }
+
+    #[test]
+    fn a_band_that_no_light_reaches_is_refused() {
+        let message = message("pass = [\"red\", \"blue\"]", "pass = [\"red\"]");
+        assert!(message.contains("`band[1]` is blocked by aperture[2]"), "{message}");
+    }
+
+    #[test]
+    fn the_published_schema_names_every_section() {
+        let schema = serde_json_text(&Instrument::json_schema());
+        for key in ["\"lens\"", "\"sensor\"", "\"band\"", "\"aperture\"", "\"pitch_mm\"", "\"zones\""] {
+            assert!(schema.contains(key), "{key}");
+        }
+    }
+
+    fn serde_json_text(schema: &schemars::Schema) -> String {
+        schema.as_value().to_string()
+    }
+}

@@ -1,0 +1,31 @@
+//! What a coaxial two-aperture camera is: its file, its first-order projection, its frames and its tables.
+//!
+//! Everything the other crates share lives here as plain data: the optics and the simulation on one side and the
+//! reconstruction on the other meet in [`Instrument`], [`Frame`] and [`ResponseTable`], and nowhere else.
+//!
+//! Lengths are in mm, wavelengths in nm, image positions in px or in mm from the axis; axes and signs are those of
+//! CONVENTIONS.md.
+
+mod aperture;
+mod band;
+pub mod check;
+mod frame;
+mod geometry;
+mod instrument;
+mod lens;
+pub mod paper;
+mod projection;
+mod response;
+mod sensor;
+mod spectra;
+
+pub use aperture::{Annulus, Aperture, Zone};
+pub use band::{Band, Role};
+pub use frame::{Frame, FrameError, PlaneView};
+pub use geometry::{ImagePoint, PixelPoint};
+pub use instrument::{DepthRange, Instrument, InstrumentError, InstrumentSpec};
+pub use lens::{FresnelLens, GrooveSide, Lens, ThinLens};
+pub use projection::{Projection, position_from_radii_mm};
+pub use response::{BandResponse, Grid, PointResponse, ResponseTable};
+pub use sensor::{Mosaic, Sensor, Site};
+pub use spectra::{ResponseMatrix, SpectraError, SpectraSpec, SpectralTable};

@@ -1,0 +1,117 @@
+//! How a real lens departs from first order, as a plain table: the optics make it, the reconstruction inverts it.
+
+use crate::ImagePoint;
+
+/// Equally spaced nodes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Grid {
+    /// First node.
+    pub start: f64,
+    /// Distance from node to node.
+    pub step: f64,
+    /// Number of nodes, at least two.
+    pub count: usize,
+}
+
+impl Grid {
+    /// `count` nodes from `start` to `end`.
+    pub fn spanning(start: f64, end: f64, count: usize) -> Self {
+        let count = count.max(2);
+        Self { start, step: (end - start) / (count - 1) as f64, count }
+    }
+
+    /// Position of node `index`.
+    pub fn node(&self, index: usize) -> f64 {
+        self.start + self.step * index as f64
+    }
+
+    /// Cell and fraction within it; positions outside belong to the nearest cell, at its nearest edge.
+    fn locate(&self, position: f64) -> (usize, f64) {
+        let last = (self.count - 1) as f64;
+        let index = ((position - self.start) / self.step).clamp(0.0, last);
+        let cell = (index as usize).min(self.count - 2);
+        (cell, index - cell as f64)
+    }
+}
+
+/// What reaches the sensor from one object point through one band.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PointResponse {
+    /// Light that arrives, relative to the unclipped pupil.
+    pub throughput: f64,
+    /// Radius of the centroid of its image less the radius of the first-order image, mm.
+    pub radial_deviation_mm: f64,
+}
+
+/// One band of a [`ResponseTable`]: values over distance (slow) and radius (fast).
+#[derive(Debug, Clone, PartialEq)]
+pub struct BandResponse {
+    /// Name of the band.
+    pub band: String,
+    /// Values at z node `k`, r node `i` stand at index `k · r_mm.count + i`.
+    pub nodes: Vec<PointResponse>,
+}
+
+/// Throughput and image displacement of object points over (r, z), for every band, about the optical axis.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ResponseTable {
+    /// Distance from the axis in object space, mm.
+    pub r_mm: Grid,
+    /// Distance from the lens, mm.
+    pub z_mm: Grid,
+    /// In the order of the instrument's bands.
+    pub bands: Vec<BandResponse>,
+}
+
+impl ResponseTable {
+    /// Response of a band to a point at (r, z), bilinear between nodes and held constant outside.
+    pub fn at(&self, band: usize, r_mm: f64, z_mm: f64) -> PointResponse {
+        let ((i, fr), (k, fz)) = (self.r_mm.locate(r_mm), self.z_mm.locate(z_mm));
+        let nodes = &self.bands[band].nodes;
+        let row = |k: usize| {
+            let start = k * self.r_mm.count + i;
+            (nodes[start], nodes[start + 1])
+        };
+        let ((a, b), (c, d)) = (row(k), row(k + 1));
+        let blend = |value: fn(PointResponse) -> f64| {
+            (1.0 - fz) * ((1.0 - fr) * value(a) + fr * value(b)) + fz * ((1.0 - fr) * value(c) + fr * value(d))
+        };
+        PointResponse {
+            throughput: blend(|node| node.throughput),
+            radial_deviation_mm: blend(|node| node.radial_deviation_mm),
+        }
+    }
+
+    /// `image` moved along its own radius by the deviation of a band at (r, z).
+    pub fn displaced(&self, band: usize, r_mm: f64, z_mm: f64, image: ImagePoint) -> ImagePoint {
+        let radius_mm = image.radius_mm();
+        if radius_mm == 0.0 {
+            return image;
+        }
+        let scale = 1.0 + self.at(band, r_mm, z_mm).radial_deviation_mm / radius_mm;
+        ImagePoint { x_mm: image.x_mm * scale, y_mm: image.y_mm * scale }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_bilinear_function_is_interpolated_exactly() {
+        let (r_mm, z_mm) = (Grid::spanning(0.0, 4.0, 5), Grid::spanning(100.0, 200.0, 3));
+        let deviation = |r: f64, z: f64| 0.5 + 2.0 * r - 0.01 * z + 0.003 * r * z;
+        let nodes = (0..15)
+            .map(|n| PointResponse {
+                throughput: 1.0,
+                radial_deviation_mm: deviation(r_mm.node(n % 5), z_mm.node(n / 5)),
+            })
+            .collect();
+        let table = ResponseTable { r_mm, z_mm, bands: vec![BandResponse { band: "a".to_owned(), nodes }] };
+        for (r, z) in [(0.0, 100.0), (1.3, 111.0), (4.0, 200.0), (3.99, 150.0)] {
+            assert!((table.at(0, r, z).radial_deviation_mm - deviation(r, z)).abs() < 1e-12);
+        }
+        assert_eq!(table.at(0, 9.0, 300.0), table.at(0, 4.0, 200.0));
+        assert_eq!(table.at(0, -1.0, 0.0), table.at(0, 0.0, 100.0));
+    }
+}

@@ -1,0 +1,1 @@
+//! Rays through a coaxial two-aperture camera.
