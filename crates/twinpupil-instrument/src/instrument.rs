@@ -96,17 +96,11 @@ impl Instrument {
 
     /// The instrument as a file that [`Instrument::from_toml`] reads back to the same.
     pub fn to_toml(&self) -> String {
-        let mut document = toml_edit::ser::to_document(&self.spec).expect("a checked instrument is plain data");
-        for (key, item) in document.iter_mut() {
-            let owned = std::mem::take(item);
-            *item = match owned.into_array_of_tables().map_err(|item| item.into_table()) {
-                Ok(tables) => toml_edit::Item::ArrayOfTables(tables),
-                Err(Ok(table)) => toml_edit::Item::Table(table),
-                Err(Err(other)) if ["band", "aperture"].contains(&key.get()) => {
-                    other.into_array_of_tables().map_or_else(|item| item, toml_edit::Item::ArrayOfTables)
-                }
-                Err(Err(other)) => other,
-            };
+        let text = toml::to_string(&self.spec).expect("a checked instrument is plain data");
+        let mut document: toml_edit::DocumentMut = text.parse().expect("it was printed just now");
+        // The zones of a mask read best on one line.
+        for aperture in document["aperture"].as_array_of_tables_mut().into_iter().flat_map(|tables| tables.iter_mut()) {
+            aperture["zones"].make_value();
         }
         document.to_string()
     }
