@@ -1,1 +1,26 @@
-//! Rays through a coaxial two-aperture camera.
+//! Rays through a coaxial two-aperture camera, traced backward: from the sensor through the apertures and the lens
+//! out to the object.
+//!
+//! # Axes and signs
+//!
+//! Image space is measured along the axis from the rear principal plane, `t`, positive towards the sensor at `t = L`;
+//! object space from the front principal plane, `z`, positive towards the object. An aperture in front of the lens
+//! stands at `t < 0`, that is at `z = −t`. The transverse x and y are those of the object everywhere, so the physical
+//! sensor position is `s = −p`, where `p` is the upright image position of a frame ([`ImagePoint`]).
+//!
+//! # Light is never lost silently
+//!
+//! Every ray ends in one [`RayFate`], and a [`RayLedger`] adds them up: launched = arrived + lost, always.
+//!
+//! [`ImagePoint`]: twinpupil_instrument::ImagePoint
+
+mod camera;
+mod ledger;
+mod linear;
+mod rays;
+mod stop;
+mod thin;
+
+pub use camera::{BandOptics, Camera, OpticsError};
+pub use ledger::{RayFate, RayLedger};
+pub use rays::{Footprint, ObjectRays, RayStarts};
