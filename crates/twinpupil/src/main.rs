@@ -1,2 +1,2 @@
-//! x
+//! `twinpupil`.
 fn main() {}

@@ -1,0 +1,18 @@
+//! Files: the one place of the workspace that reads and writes them.
+//!
+//! Whatever is written is encoded in memory first and reaches its path in one rename ([`output`]), so a failed command
+//! leaves nothing half-written. Every error is one sentence that starts with the path.
+
+pub mod features;
+pub mod frame;
+pub mod input;
+pub mod output;
+pub mod page;
+mod ply;
+mod png;
+pub mod points;
+pub mod table;
+mod tiff;
+pub mod truth;
+
+pub use self::png::encode_rgb8;
