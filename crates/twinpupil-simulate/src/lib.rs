@@ -1,1 +1,23 @@
-//! x
+//! What the camera would deliver: every pixel is an integral of the scene over the pupil, then the sensor adds noise.
+//!
+//! A [`Scene`] is flat discs and at most one picture before the camera. For every pixel and band, rays spread over the
+//! pupil are traced backward through all masks into the scene, so that defocus, clipping and vignetting follow from
+//! the rays. [`expected_electrons`] returns the result of that; [`simulate`] adds photon noise, read noise, saturation
+//! and quantization and returns a [`Frame`](twinpupil_instrument::Frame).
+//!
+//! Nothing here does I/O. The same scene, instrument and seed give the same bytes on any number of threads.
+
+mod dot;
+mod packing;
+pub mod paper;
+mod plate;
+mod sampling;
+mod scene;
+mod sensor;
+mod texture;
+
+pub use dot::{Dot, DotSpec};
+pub use packing::{PackingError, RandomDots};
+pub use plate::{DotGrid, ImagePattern, Pattern, Plate, Pose, TiltAxis};
+pub use scene::{DOT_COUNT_MAX, Scene, SceneError, SceneSpec};
+pub use texture::{Picture, PictureError, Texture};
