@@ -145,6 +145,12 @@ impl<'a> PlaneView<'a> {
         self.codes[start..end].iter().step_by(self.step_px).copied()
     }
 
+    /// The code of one pixel of the plane, which must lie within it.
+    pub fn code(&self, column: usize, row: usize) -> u16 {
+        let [u, v] = self.origin_px;
+        self.codes[(v + row * self.step_px) * self.frame_width_px + u + column * self.step_px]
+    }
+
     /// Frame column of a column of the plane, which may lie between pixels.
     pub fn frame_u_px(&self, column: f64) -> f64 {
         self.origin_px[0] as f64 + column * self.step_px as f64

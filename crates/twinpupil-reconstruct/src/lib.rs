@@ -1,1 +1,33 @@
-//! x
+//! Frames of a coaxial two-aperture camera to 3-D points.
+//!
+//! ```text
+//! Frame → planes → features → pairs → points → fits
+//!         detect              matching  position  fit
+//! ```
+//!
+//! [`Reconstructor`] goes all the way; [`detect`] and the fits stand on their own. This crate knows nothing of rays:
+//! what a real lens does reaches it as a plain [`ResponseTable`](twinpupil_instrument::ResponseTable).
+
+mod assignment;
+mod background;
+mod centroid;
+mod contrast;
+mod detect;
+mod fit;
+mod flood;
+mod matching;
+mod model;
+mod noise;
+mod outline;
+mod pipeline;
+mod position;
+mod rejection;
+mod window;
+
+pub use background::Polarity;
+pub use detect::{DetectOptions, Detection, Estimator, Feature, detect};
+pub use fit::{Estimate, FitError, FitPoint, LineAxis, LineFit, PlaneFit, Quality, fit_line, fit_plane};
+pub use matching::MatchOptions;
+pub use noise::Noise;
+pub use pipeline::{Mode, Options, Point, ReconstructError, Reconstruction, Reconstructor};
+pub use rejection::{Rejection, RejectionReason};

@@ -1,0 +1,79 @@
+//! Where a feature lies: the estimators, side by side, each from the light in the feature's window.
+
+use crate::contrast::Contrast;
+use crate::noise::Noise;
+use crate::window::Windows;
+
+/// Centre of a feature in pixels of its plane, with standard deviations from the noise of its pixels.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Centre {
+    pub(crate) position: [f64; 2],
+    pub(crate) std: [f64; 2],
+}
+
+/// Moves every window to the centroid of the light in it until all rest; overlapping ones settle together.
+///
+/// Returns the centres, `None` where a window holds no light.
+pub(crate) fn cartesian_means(windows: &mut Windows<'_>, contrast: &Contrast, noise: &Noise) -> Vec<Option<Centre>> {
+    const ROUNDS: usize = 12;
+    const RESTING_PX: f64 = 2e-3;
+    let count = windows.centres.len();
+    let mut centres = vec![None; count];
+    let mut restless: Vec<usize> = (0..count).collect();
+    for _ in 0..ROUNDS {
+        restless.retain(|&feature| {
+            let before = windows.centres[feature];
+            centres[feature] = cartesian_mean(windows, contrast, noise, feature);
+            let Some(Centre { position, .. }) = centres[feature] else { return false };
+            windows.centres[feature] = position;
+            (position[0] - before[0]).hypot(position[1] - before[1]) > RESTING_PX
+        });
+        if restless.is_empty() {
+            break;
+        }
+    }
+    centres
+}
+
+/// Centroid of the light in one window, in Cartesian coordinates.
+fn cartesian_mean(windows: &Windows<'_>, contrast: &Contrast, noise: &Noise, feature: usize) -> Option<Centre> {
+    let [c0, r0] = windows.centres[feature];
+    let (mut sum, mut first, mut variance) = (0.0, [0.0; 2], [0.0; 2]);
+    windows.for_each_pixel(feature, |pixel| {
+        let (dc, dr) = (pixel.column - c0, pixel.row - r0);
+        sum += pixel.signal;
+        first[0] += dc * pixel.signal;
+        first[1] += dr * pixel.signal;
+        let scatter = pixel.share * pixel.share * noise.variance(contrast.code(pixel.contrast));
+        variance[0] += dc * dc * scatter;
+        variance[1] += dr * dr * scatter;
+    });
+    let position = [c0 + first[0] / sum, r0 + first[1] / sum];
+    let [c, r] = position;
+    let inside = c >= 0.0 && r >= 0.0 && c < contrast.columns as f64 && r < contrast.rows as f64;
+    (sum > 0.0 && inside).then(|| Centre { position, std: variance.map(|v| v.sqrt() / sum) })
+}
+
+/// The paper's centre of a feature, in polar coordinates about the axis, both in units of the plane's pixels.
+///
+/// ```text
+/// r̄ = ∫∫ r I r dr dφ / ∫∫ I r dr dφ                     [Ohno2018, Eqs. 9, 10]
+/// φ̄ = ∫∫ r φ I r dr dφ / (r̄ ∫∫ I r dr dφ)               [Ohno2018, Eq. 11, one band's half of it]
+/// ```
+///
+/// r̄ is the mean of the radii, not the radius of the mean: for a disc of radius a it is larger by about a²/8r̄. φ runs
+/// from −π to π, so a feature across the negative x axis has no meaningful φ̄. Both are the paper's; use
+/// [`cartesian_means`] for measuring.
+pub(crate) fn radial_mean(windows: &Windows<'_>, feature: usize, axis: [f64; 2]) -> Option<[f64; 2]> {
+    let (mut sum, mut radius_sum, mut azimuth_sum) = (0.0, 0.0, 0.0);
+    windows.for_each_pixel(feature, |pixel| {
+        let (x, y) = (pixel.column - axis[0], pixel.row - axis[1]);
+        let radius = x.hypot(y);
+        sum += pixel.signal;
+        radius_sum += radius * pixel.signal;
+        azimuth_sum += radius * y.atan2(x) * pixel.signal;
+    });
+    let radius = radius_sum / sum;
+    let azimuth = azimuth_sum / (radius * sum);
+    (sum > 0.0 && radius > 0.0 && azimuth.is_finite()).then_some([radius, azimuth])
+}

@@ -1,0 +1,218 @@
+//! From a plane to its features.
+
+use twinpupil_instrument::{PixelPoint, PlaneView};
+
+use crate::background::{Polarity, quantile};
+use crate::centroid::{Centre, cartesian_means, radial_mean};
+use crate::contrast::Contrast;
+use crate::flood::{FloodRule, flood};
+use crate::noise::Noise;
+use crate::outline::{Outline, outlines};
+use crate::rejection::{Rejection, RejectionReason};
+use crate::window::Windows;
+
+/// How the centre of a feature is measured.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Estimator {
+    /// Centroid in Cartesian coordinates.
+    Cartesian,
+    /// Mean radius and mean azimuth about the axis  [Ohno2018, Eqs. 9–11].
+    Radial {
+        /// Where the optical axis meets the sensor.
+        axis: PixelPoint,
+    },
+}
+
+/// What counts as a feature.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DetectOptions {
+    /// Bright or dark features; `None` lets the plane decide by its longer tail.
+    pub polarity: Option<Polarity>,
+    /// Fewest pixels of the plane above half the feature's height.
+    pub pixels_min: usize,
+    /// Least contrast, relative to the typical strong feature of the plane.
+    pub relative_contrast_min: f64,
+    /// Least contrast, in standard deviations of the background in one pixel.
+    pub significance_min: f64,
+    /// How centres are measured.
+    pub estimator: Estimator,
+}
+
+impl Default for DetectOptions {
+    fn default() -> Self {
+        Self {
+            polarity: None,
+            pixels_min: 9,
+            relative_contrast_min: 0.15,
+            significance_min: 4.0,
+            estimator: Estimator::Cartesian,
+        }
+    }
+}
+
+/// A bright or dark spot in one plane of a frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Feature {
+    /// Its centre on the frame.
+    pub centre: PixelPoint,
+    /// Standard deviation of the centre from pixel noise, along u and v, px.
+    pub centre_std_px: [f64; 2],
+    /// Its area above half its height, px of the frame.
+    pub area_px: f64,
+    /// Its contrast, codes.
+    pub height_codes: f64,
+    /// Whether a neighbour's light reaches into its window and was taken out.
+    pub overlapped: bool,
+}
+
+/// What was found in one plane; every feature is either measured or rejected.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Detection {
+    /// Features with a measured centre, from top to bottom.
+    pub features: Vec<Feature>,
+    /// The others, each with its reason.
+    pub rejected: Vec<Rejection>,
+    /// Which side of the background they lie on.
+    pub polarity: Polarity,
+    /// Mean level of the background, codes.
+    pub background_codes: f64,
+}
+
+/// Features are followed down to this share of the typical height, where skirts end.
+const SKIRT: f32 = 0.02;
+
+/// Two summits are one feature unless the saddle lies below this share of the lower.
+const SADDLE: f32 = 0.7;
+
+/// Noise of a pixel relative to that after the binomial filter.
+const FILTER_GAIN: f32 = 1.0 / 0.375;
+
+/// Finds and measures the features of one plane.
+///
+/// `noise` is that of the sensor where it is known; without it, background scatter is taken for all of the noise.
+/// `band` names the band in rejections.
+pub fn detect(plane: &PlaneView<'_>, band: &str, noise: Option<&Noise>, options: &DetectOptions) -> Detection {
+    let contrast = Contrast::new(plane, options.polarity, noise);
+    let found = find(&contrast, options);
+    let scatter = Noise {
+        floor_codes2: f64::from(contrast.smooth_noise * FILTER_GAIN).powi(2),
+        slope_codes: 0.0,
+        black_level: 0.0,
+    };
+    let mut measure = Measure { plane, contrast: &contrast, band, noise: noise.unwrap_or(&scatter), options };
+    let (features, rejected) = measure.all(&found);
+    Detection { features, rejected, polarity: contrast.polarity, background_codes: contrast.ground }
+}
+
+/// The outlines of everything that stands out of the noise.
+fn find(contrast: &Contrast, options: &DetectOptions) -> Vec<Outline> {
+    let significant = options.significance_min as f32 * FILTER_GAIN * contrast.smooth_noise;
+    let mut standing_out: Vec<f32> =
+        contrast.smooth.iter().step_by(7).copied().filter(|value| *value > significant).collect();
+    let typical = quantile(&mut standing_out, 0.9);
+    let floor = (SKIRT * typical).max(options.significance_min as f32 * contrast.smooth_noise);
+    let rule = FloodRule { floor, saddle: SADDLE, pixels_min: (options.pixels_min / 2).max(1) as u32 };
+    let mut found = outlines(contrast, &flood(&contrast.smooth, contrast.columns, rule));
+    found.retain(|outline| outline.height > significant);
+    found
+}
+
+/// Measures outlines, or says why not.
+struct Measure<'a> {
+    plane: &'a PlaneView<'a>,
+    contrast: &'a Contrast,
+    band: &'a str,
+    noise: &'a Noise,
+    options: &'a DetectOptions,
+}
+
+impl Measure<'_> {
+    fn all(&mut self, found: &[Outline]) -> (Vec<Feature>, Vec<Rejection>) {
+        let mut windows = Windows::new(self.contrast, found);
+        let centres = cartesian_means(&mut windows, self.contrast, self.noise);
+        let mut heights: Vec<f32> = found.iter().map(|outline| outline.height).collect();
+        let height_min = self.options.relative_contrast_min as f32 * quantile(&mut heights, 0.9);
+        let (mut features, mut rejected) = (Vec::new(), Vec::new());
+        for (index, (outline, centre)) in found.iter().zip(centres).enumerate() {
+            let judged = self.flaw(outline, height_min).map_or_else(
+                || {
+                    let centre = self.centre(&windows, index, centre).ok_or(RejectionReason::NoCentre)?;
+                    Ok(self.feature(outline, centre, windows.overlaps(index)))
+                },
+                Err,
+            );
+            match judged {
+                Ok(feature) => features.push(feature),
+                Err(reason) => rejected.push(Rejection {
+                    band: self.band.to_owned(),
+                    position: self.frame_position(outline.centre),
+                    area_px: self.area_px(outline),
+                    reason,
+                }),
+            }
+        }
+        features.sort_by(|a, b| a.centre.v.total_cmp(&b.centre.v).then(a.centre.u.total_cmp(&b.centre.u)));
+        (features, rejected)
+    }
+
+    /// Why an outline cannot be measured, if so.
+    fn flaw(&self, outline: &Outline, height_min: f32) -> Option<RejectionReason> {
+        if outline.touches_edge {
+            Some(RejectionReason::CutByBorder)
+        } else if outline.pixels.len() < self.options.pixels_min {
+            Some(RejectionReason::TooSmall)
+        } else if outline.height < height_min {
+            Some(RejectionReason::LowContrast)
+        } else if self.saturated(outline) {
+            Some(RejectionReason::Saturated)
+        } else {
+            None
+        }
+    }
+
+    /// More than one pixel in fifty of the outline reads the largest code, or the ground about a dark feature does.
+    fn saturated(&self, outline: &Outline) -> bool {
+        let (columns, code_max) = (self.contrast.columns, self.plane.code_max);
+        if self.contrast.polarity == Polarity::Dark {
+            return self.contrast.ground >= f64::from(code_max) - 0.5;
+        }
+        let at_limit =
+            |index: &&u32| self.plane.code(**index as usize % columns, **index as usize / columns) == code_max;
+        50 * outline.pixels.iter().filter(at_limit).count() > outline.pixels.len()
+    }
+
+    /// The centre by the chosen estimator, in pixels of the plane.
+    fn centre(&self, windows: &Windows<'_>, index: usize, centre: Option<Centre>) -> Option<Centre> {
+        let centre = centre?;
+        match self.options.estimator {
+            Estimator::Cartesian => Some(centre),
+            Estimator::Radial { axis } => {
+                let step = self.plane.step_px as f64;
+                let origin = self.plane.origin_px.map(|o| o as f64);
+                let axis = [(axis.u - origin[0]) / step, (axis.v - origin[1]) / step];
+                let [radius, azimuth] = radial_mean(windows, index, axis)?;
+                let position = [axis[0] + radius * azimuth.cos(), axis[1] + radius * azimuth.sin()];
+                Some(Centre { position, ..centre })
+            }
+        }
+    }
+
+    fn feature(&self, outline: &Outline, centre: Centre, overlapped: bool) -> Feature {
+        let step = self.plane.step_px as f64;
+        Feature {
+            centre: self.frame_position(centre.position),
+            centre_std_px: centre.std.map(|std| std * step),
+            area_px: self.area_px(outline),
+            height_codes: f64::from(outline.height),
+            overlapped,
+        }
+    }
+
+    fn frame_position(&self, position: [f64; 2]) -> PixelPoint {
+        PixelPoint { u: self.plane.frame_u_px(position[0]), v: self.plane.frame_v_px(position[1]) }
+    }
+
+    fn area_px(&self, outline: &Outline) -> f64 {
+        (outline.pixels.len() * self.plane.step_px.pow(2)) as f64
+    }
+}

@@ -1,0 +1,242 @@
+//! Which telecentric feature and which entocentric feature are images of the same thing.
+
+use std::collections::HashMap;
+
+use twinpupil_instrument::{DepthRange, ImagePoint, PixelPoint, Sensor};
+
+use crate::assignment::{Edge, assign};
+use crate::detect::Feature;
+use crate::model::Model;
+
+/// How features are paired.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MatchOptions {
+    /// How far from its partner's azimuth a feature may lie, px.
+    pub azimuth_tolerance_px: f64,
+    /// Scatter of features about their partner's azimuth, px: the axis is never known perfectly.
+    pub azimuth_std_px: f64,
+    /// Scatter of the logarithm of the two areas' ratio about what the depth demands.
+    pub area_log_std: f64,
+    /// χ² at which a feature had better stay alone.
+    pub single_chi2: f64,
+    /// A pair is ambiguous if another choice costs less than this much more, in χ².
+    pub ambiguous_chi2: f64,
+}
+
+impl Default for MatchOptions {
+    fn default() -> Self {
+        Self {
+            azimuth_tolerance_px: 4.0,
+            azimuth_std_px: 1.0,
+            area_log_std: 0.15,
+            single_chi2: 40.0,
+            ambiguous_chi2: 4.0,
+        }
+    }
+}
+
+/// A telecentric and an entocentric feature that belong together.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Match {
+    pub(crate) telecentric: usize,
+    pub(crate) entocentric: usize,
+    /// How far the entocentric feature lies beside the telecentric one's azimuth, px.
+    pub(crate) azimuth_residual_px: f64,
+    /// Whether another choice would have been nearly as good.
+    pub(crate) ambiguous: bool,
+}
+
+/// Pairs features one to one so that the sum of χ² is least.
+///
+/// For every telecentric feature the depth range draws a line on the sensor along its azimuth, on which its partner
+/// must lie. χ² of a candidate is its distance from that line, and how far the two areas are from the ratio that the
+/// candidate's depth gives them.
+pub(crate) fn pair_up(
+    model: &Model,
+    sensor: &Sensor,
+    range: DepthRange,
+    telecentric: &[Feature],
+    entocentric: &[Feature],
+    options: &MatchOptions,
+) -> Vec<Match> {
+    let cells = Cells::new(entocentric);
+    let candidates: Vec<Vec<Candidate>> = telecentric
+        .iter()
+        .map(|feature| {
+            let line = SearchLine::new(model, sensor, range, feature.centre);
+            let near = cells.along(&line, options.azimuth_tolerance_px);
+            near.filter_map(|index| Candidate::judge(&line, feature, entocentric, index, options)).collect()
+        })
+        .collect();
+    let edges: Vec<Vec<Edge>> = candidates
+        .iter()
+        .map(|list| list.iter().map(|c| Edge { right: c.entocentric as u32, cost: c.chi2 }).collect())
+        .collect();
+    let assignment = assign(&edges, entocentric.len(), options.single_chi2);
+    let chosen = |(index, partner): (usize, &Option<u32>)| {
+        let candidate = candidates[index].iter().find(|c| Some(c.entocentric as u32) == *partner)?;
+        Some(Match {
+            telecentric: index,
+            entocentric: candidate.entocentric,
+            azimuth_residual_px: candidate.azimuth_residual_px,
+            ambiguous: assignment.margin[index] < options.ambiguous_chi2,
+        })
+    };
+    assignment.partner.iter().enumerate().filter_map(chosen).collect()
+}
+
+/// Where on the sensor the partner of a telecentric feature may lie, from the near end of the depth range to the far.
+struct SearchLine {
+    near: PixelPoint,
+    far: PixelPoint,
+    /// Square of telecentric over entocentric magnification at both ends.
+    area_ratio: [f64; 2],
+}
+
+impl SearchLine {
+    fn new(model: &Model, sensor: &Sensor, range: DepthRange, telecentric: PixelPoint) -> Self {
+        let image = sensor.image_from_pixel(telecentric);
+        let end = |z_mm: f64| {
+            let [r, b] = model.magnifications(z_mm);
+            // An off-axis pupil shifts the images of all points at a distance alike.
+            let [r0, b0] = model.chief_images([0.0, 0.0, z_mm]);
+            let along = |image: f64, r0: f64, b0: f64| b0 + (image - r0) * b / r;
+            let partner =
+                ImagePoint { x_mm: along(image.x_mm, r0.x_mm, b0.x_mm), y_mm: along(image.y_mm, r0.y_mm, b0.y_mm) };
+            (sensor.pixel_from_image(partner), (r / b).powi(2))
+        };
+        let ((near, near_ratio), (far, far_ratio)) = (end(range.near_mm), end(range.far_mm));
+        Self { near, far, area_ratio: [near_ratio, far_ratio] }
+    }
+
+    /// Position of a pixel along the line (0 near, 1 far) and beside it in px.
+    fn locate(&self, point: PixelPoint) -> (f64, f64) {
+        let (du, dv) = (self.far.u - self.near.u, self.far.v - self.near.v);
+        let length = du.hypot(dv).max(1e-9);
+        let (pu, pv) = (point.u - self.near.u, point.v - self.near.v);
+        ((pu * du + pv * dv) / (length * length), (du * pv - dv * pu) / length)
+    }
+}
+
+struct Candidate {
+    entocentric: usize,
+    chi2: f64,
+    azimuth_residual_px: f64,
+}
+
+impl Candidate {
+    fn judge(
+        line: &SearchLine,
+        telecentric: &Feature,
+        entocentric: &[Feature],
+        index: usize,
+        options: &MatchOptions,
+    ) -> Option<Self> {
+        let feature = &entocentric[index];
+        let (along, beside_px) = line.locate(feature.centre);
+        if !(0.0..=1.0).contains(&along) || beside_px.abs() > options.azimuth_tolerance_px {
+            return None;
+        }
+        let [near, far] = line.area_ratio;
+        let expected = near + along * (far - near);
+        let area_log = (telecentric.area_px / feature.area_px / expected).ln();
+        let noise_px2: f64 =
+            [telecentric, feature].iter().map(|f| f.centre_std_px[0].max(f.centre_std_px[1]).powi(2)).sum();
+        let chi2 = beside_px.powi(2) / (options.azimuth_std_px.powi(2) + noise_px2)
+            + (area_log / options.area_log_std).powi(2);
+        (chi2 < options.single_chi2).then_some(Self { entocentric: index, chi2, azimuth_residual_px: beside_px })
+    }
+}
+
+/// Features by square cells of the frame, so that those about a line are found without looking at all.
+struct Cells {
+    cells: HashMap<(i64, i64), Vec<usize>>,
+}
+
+const CELL_PX: f64 = 48.0;
+
+impl Cells {
+    fn new(features: &[Feature]) -> Self {
+        let mut cells: HashMap<_, Vec<usize>> = HashMap::new();
+        for (index, feature) in features.iter().enumerate() {
+            cells.entry(Self::of(feature.centre.u, feature.centre.v)).or_default().push(index);
+        }
+        Self { cells }
+    }
+
+    fn of(u: f64, v: f64) -> (i64, i64) {
+        ((u / CELL_PX).floor() as i64, (v / CELL_PX).floor() as i64)
+    }
+
+    /// Features in the cells about a line, each once.
+    fn along(&self, line: &SearchLine, margin_px: f64) -> impl Iterator<Item = usize> {
+        let (du, dv) = (line.far.u - line.near.u, line.far.v - line.near.v);
+        let steps = (du.hypot(dv) / (0.5 * CELL_PX)).ceil().clamp(1.0, 10_000.0) as usize;
+        let mut keys: Vec<(i64, i64)> = (0..=steps)
+            .flat_map(|step| {
+                let t = step as f64 / steps as f64;
+                let (u, v) = (line.near.u + t * du, line.near.v + t * dv);
+                let (low, high) = (Self::of(u - margin_px, v - margin_px), Self::of(u + margin_px, v + margin_px));
+                (low.0..=high.0).flat_map(move |i| (low.1..=high.1).map(move |j| (i, j)))
+            })
+            .collect();
+        keys.sort_unstable();
+        keys.dedup();
+        keys.into_iter().filter_map(|key| self.cells.get(&key)).flatten().copied()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use twinpupil_instrument::{Instrument, paper};
+
+    fn feature(centre: PixelPoint, area_px: f64) -> Feature {
+        Feature { centre, centre_std_px: [0.01; 2], area_px, height_codes: 1000.0, overlapped: false }
+    }
+
+    /// Both images of discs of 1 mm.
+    fn features(instrument: &Instrument, model: &Model, objects_mm: &[[f64; 3]]) -> [Vec<Feature>; 2] {
+        [0, 1].map(|role| {
+            let image = |object_mm: &[f64; 3]| {
+                let centre = instrument.sensor.pixel_from_image(model.chief_images(*object_mm)[role]);
+                let diameter_px = model.magnifications(object_mm[2])[role] / instrument.sensor.pitch_mm;
+                feature(centre, 0.25 * std::f64::consts::PI * diameter_px.powi(2))
+            };
+            objects_mm.iter().map(image).collect()
+        })
+    }
+
+    fn matches(objects_mm: &[[f64; 3]]) -> Vec<Match> {
+        let instrument = paper::instrument();
+        let model = Model::new(&instrument, None);
+        let [telecentric, entocentric] = features(&instrument, &model, objects_mm);
+        let options = MatchOptions::default();
+        pair_up(&model, &instrument.sensor, instrument.depth_range(), &telecentric, &entocentric, &options)
+    }
+
+    #[test]
+    fn dots_on_one_azimuth_are_told_apart_by_their_areas() {
+        let pairs = matches(&[[5.0, 0.0, 300.0], [6.2, 0.0, 300.0], [7.4, 0.0, 300.0]]);
+        assert_eq!(pairs.len(), 3);
+        assert!(pairs.iter().all(|pair| pair.telecentric == pair.entocentric && !pair.ambiguous), "{pairs:?}");
+    }
+
+    #[test]
+    fn a_dot_outside_the_depth_range_has_no_partner() {
+        assert!(matches(&[[5.0, 1.0, 200.0]]).is_empty());
+    }
+
+    #[test]
+    fn two_entocentric_features_in_the_same_place_are_ambiguous() {
+        let instrument = paper::instrument();
+        let model = Model::new(&instrument, None);
+        let [telecentric, mut entocentric] = features(&instrument, &model, &[[5.0, 0.0, 300.0]]);
+        let twin = PixelPoint { u: entocentric[0].centre.u + 3.0, ..entocentric[0].centre };
+        entocentric.push(Feature { centre: twin, ..entocentric[0] });
+        let (sensor, range) = (&instrument.sensor, instrument.depth_range());
+        let pairs = pair_up(&model, sensor, range, &telecentric, &entocentric, &MatchOptions::default());
+        assert_eq!(pairs.len(), 1);
+        assert!(pairs[0].ambiguous);
+    }
+}

@@ -1,0 +1,226 @@
+//! Outlines: the pixels of each basin above half its height, and their division where discs touch.
+
+use crate::background::quantile;
+use crate::contrast::Contrast;
+use crate::flood::{Basins, FloodRule, NONE, flood};
+
+/// A blob of the plane: the pixels of one basin above half its height, or one disc of several that touch there.
+#[derive(Debug, Clone)]
+pub(crate) struct Outline {
+    /// Indices of its pixels in the plane, rising.
+    pub(crate) pixels: Vec<u32>,
+    /// Mean column and row.
+    pub(crate) centre: [f64; 2],
+    /// Typical contrast at the top, codes.
+    pub(crate) height: f32,
+    /// Distance from the centre that holds nearly all pixels of the basin, faint skirts included.
+    pub(crate) reach: f64,
+    /// Whether a pixel lies on the edge of the plane.
+    pub(crate) touches_edge: bool,
+}
+
+/// A neck narrower than this share of the thinner disc divides two discs that touch.
+const NECK: f32 = 0.85;
+
+/// Top pixels give the height, as this quantile of a basin's pixels above half its maximum.
+const TOP: f64 = 0.75;
+
+/// The outlines of all basins.
+pub(crate) fn outlines(contrast: &Contrast, basins: &Basins) -> Vec<Outline> {
+    let (starts, pixels) = grouped(basins);
+    let mut divider = Divider::default();
+    let mut outlines = Vec::with_capacity(basins.count);
+    for basin in starts.windows(2) {
+        let pixels = &pixels[basin[0] as usize..basin[1] as usize];
+        let height = top(contrast, pixels);
+        let core: Vec<u32> =
+            pixels.iter().copied().filter(|&index| contrast.smooth[index as usize] >= 0.5 * height).collect();
+        let parts = divider.discs(&core, contrast.columns);
+        let first = outlines.len();
+        outlines.extend(parts.into_iter().map(|part| Outline::new(contrast, part, height)));
+        set_reaches(&mut outlines[first..], pixels, contrast.columns);
+    }
+    outlines
+}
+
+impl Outline {
+    fn new(contrast: &Contrast, pixels: Vec<u32>, height: f32) -> Self {
+        let (columns, rows) = (contrast.columns as u32, contrast.rows as u32);
+        let (mut sum, mut touches_edge) = ([0.0; 2], false);
+        for &index in &pixels {
+            let (column, row) = (index % columns, index / columns);
+            sum[0] += f64::from(column);
+            sum[1] += f64::from(row);
+            touches_edge |= column == 0 || row == 0 || column + 1 == columns || row + 1 == rows;
+        }
+        let count = pixels.len() as f64;
+        Self { centre: sum.map(|s| s / count), pixels, height, reach: 0.0, touches_edge }
+    }
+
+    /// Radius of the disc of the same area, pixels of the plane.
+    pub(crate) fn radius(&self) -> f64 {
+        (self.pixels.len() as f64 / std::f64::consts::PI).sqrt()
+    }
+}
+
+/// Pixels in the order of their basins: basin `b` has those from `starts[b]` to `starts[b + 1]`.
+fn grouped(basins: &Basins) -> (Vec<u32>, Vec<u32>) {
+    let mut starts = vec![0_u32; basins.count + 1];
+    for &label in basins.labels.iter().filter(|label| **label != NONE) {
+        starts[label as usize + 1] += 1;
+    }
+    for basin in 0..basins.count {
+        starts[basin + 1] += starts[basin];
+    }
+    let mut next = starts.clone();
+    let mut pixels = vec![0; starts[basins.count] as usize];
+    for (index, &label) in (0_u32..).zip(&basins.labels) {
+        if label != NONE {
+            let place = &mut next[label as usize];
+            pixels[*place as usize] = index;
+            *place += 1;
+        }
+    }
+    (starts, pixels)
+}
+
+/// Typical contrast at the top of a basin: robust against a single bright pixel.
+fn top(contrast: &Contrast, pixels: &[u32]) -> f32 {
+    let value = |index: &u32| contrast.smooth[*index as usize];
+    let highest = pixels.iter().map(value).fold(0.0, f32::max);
+    let mut upper: Vec<f32> = pixels.iter().map(value).filter(|value| *value >= 0.5 * highest).collect();
+    quantile(&mut upper, TOP)
+}
+
+/// Gives every outline of one basin its reach: each pixel of the basin belongs to the nearest outline, and the farthest
+/// pixels but 1 % lie within the reach.
+fn set_reaches(outlines: &mut [Outline], pixels: &[u32], columns: usize) {
+    let mut distances = vec![Vec::new(); outlines.len()];
+    for &index in pixels {
+        let (column, row) = (f64::from(index % columns as u32), f64::from(index / columns as u32));
+        let nearest = (0..outlines.len())
+            .map(|k| ((column - outlines[k].centre[0]).hypot(row - outlines[k].centre[1]) as f32, k))
+            .min_by(|a, b| a.0.total_cmp(&b.0));
+        if let Some((distance, k)) = nearest {
+            distances[k].push(distance);
+        }
+    }
+    for (outline, distances) in outlines.iter_mut().zip(&mut distances) {
+        outline.reach = f64::from(quantile(distances, 0.99));
+    }
+}
+
+/// Divides blobs of discs that touch where they are thinnest; its buffers are reused from blob to blob.
+#[derive(Debug, Default)]
+struct Divider {
+    depth: Vec<f32>,
+}
+
+impl Divider {
+    /// The discs in a blob: basins of the distance to its edge, with necks as saddles.
+    fn discs(&mut self, core: &[u32], plane_columns: usize) -> Vec<Vec<u32>> {
+        let plane_columns = plane_columns as u32;
+        let span = |coordinate: fn(u32, u32) -> u32| {
+            let range = core.iter().map(|&index| coordinate(index, plane_columns));
+            range.clone().min().zip(range.max())
+        };
+        let (Some((left, right)), Some((upper, lower))) = (span(|i, n| i % n), span(|i, n| i / n)) else {
+            return Vec::new();
+        };
+        // A margin of one pixel on every side lies outside the blob.
+        let (columns, rows) = ((right - left + 3) as usize, (lower - upper + 3) as usize);
+        let place = |index: u32| {
+            let (column, row) = (index % plane_columns - left, index / plane_columns - upper);
+            (row as usize + 1) * columns + column as usize + 1
+        };
+        self.depth.clear();
+        self.depth.resize(columns * rows, 0.0);
+        for &index in core {
+            self.depth[place(index)] = f32::INFINITY;
+        }
+        distance_to_edge(&mut self.depth, columns);
+        let rule = FloodRule { floor: 0.0, saddle: NECK, pixels_min: 4 };
+        let basins = flood(&self.depth, columns, rule);
+        let mut discs = vec![Vec::new(); basins.count];
+        for &index in core {
+            discs[basins.labels[place(index)] as usize].push(index);
+        }
+        discs
+    }
+}
+
+/// Replaces infinities by their distance to the nearest zero, by the 3–4 chamfer: within 6 % of Euclid's.
+fn distance_to_edge(depth: &mut [f32], columns: usize) {
+    const STRAIGHT: f32 = 1.0;
+    const DIAGONAL: f32 = 4.0 / 3.0;
+    let rows = depth.len() / columns;
+    for row in 1..rows - 1 {
+        for column in 1..columns - 1 {
+            let index = row * columns + column;
+            let above = index - columns;
+            let nearest = (depth[index - 1] + STRAIGHT)
+                .min(depth[above] + STRAIGHT)
+                .min(depth[above - 1] + DIAGONAL)
+                .min(depth[above + 1] + DIAGONAL);
+            depth[index] = depth[index].min(nearest);
+        }
+    }
+    for row in (1..rows - 1).rev() {
+        for column in (1..columns - 1).rev() {
+            let index = row * columns + column;
+            let below = index + columns;
+            let nearest = (depth[index + 1] + STRAIGHT)
+                .min(depth[below] + STRAIGHT)
+                .min(depth[below - 1] + DIAGONAL)
+                .min(depth[below + 1] + DIAGONAL);
+            depth[index] = depth[index].min(nearest);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Pixels of a 100-column plane inside any of the discs (column, row, radius).
+    fn blob(discs: &[(f64, f64, f64)]) -> Vec<u32> {
+        (0..100 * 60)
+            .filter(|index| {
+                let (column, row) = (f64::from(index % 100), f64::from(index / 100));
+                discs.iter().any(|(c, r, radius)| (column - c).hypot(row - r) <= *radius)
+            })
+            .collect()
+    }
+
+    fn count(discs: &[(f64, f64, f64)]) -> usize {
+        Divider::default().discs(&blob(discs), 100).len()
+    }
+
+    #[test]
+    fn one_disc_is_one() {
+        for radius in [2.0, 3.5, 8.2, 20.0] {
+            assert_eq!(count(&[(40.3, 30.6, radius)]), 1, "{radius}");
+        }
+    }
+
+    #[test]
+    fn touching_and_overlapping_discs_are_told_apart() {
+        for distance in [19.0, 17.0, 15.0, 13.5] {
+            assert_eq!(count(&[(30.0, 30.0, 10.0), (30.0 + distance, 30.0, 10.0)]), 2, "{distance}");
+            let diagonal = distance / 2.0_f64.sqrt();
+            assert_eq!(count(&[(30.2, 20.0, 10.0), (30.2 + diagonal, 20.0 + diagonal, 10.0)]), 2, "{distance}");
+        }
+        assert_eq!(count(&[(20.0, 30.0, 10.0), (38.0, 30.0, 10.0), (29.0, 45.5, 10.0)]), 3);
+    }
+
+    #[test]
+    fn an_ellipse_is_one() {
+        let ellipse: Vec<u32> = (0..100 * 60)
+            .filter(|index| {
+                let (u, v) = (f64::from(index % 100) - 50.0, f64::from(index / 100) - 30.0);
+                (u / 22.0).powi(2) + (v / 11.0).powi(2) <= 1.0
+            })
+            .collect();
+        assert_eq!(Divider::default().discs(&ellipse, 100).len(), 1);
+    }
+}

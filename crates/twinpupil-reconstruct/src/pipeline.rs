@@ -1,0 +1,198 @@
+//! The whole way from a frame to points, as in Section 3 of the paper: planes, features, pairs, positions.
+
+use thiserror::Error;
+use twinpupil_instrument::{Frame, FrameError, Instrument, PixelPoint, ResponseTable, Role};
+
+use crate::detect::{DetectOptions, Detection, Estimator, Feature, detect};
+use crate::matching::{Match, MatchOptions, pair_up};
+use crate::model::Model;
+use crate::noise::Noise;
+use crate::position::{MeasuredPair, Position, first_order_position_mm, model_position, paper_position};
+use crate::rejection::{Rejection, RejectionReason};
+
+/// How points are computed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Mode {
+    /// [Ohno2018, Eqs. 9–13] to the letter: mean radius and azimuth, the data sheet's f and L.
+    Paper,
+    /// Cartesian centroids, and positions by inverting the instrument's forward model.
+    #[default]
+    Centroid,
+}
+
+/// Settings of a reconstruction.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Options {
+    /// How points are computed.
+    pub mode: Mode,
+    /// What counts as a feature; its estimator is set by the mode.
+    pub detect: DetectOptions,
+    /// How features are paired.
+    pub matching: MatchOptions,
+}
+
+/// A point in space and what it was computed from.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Point {
+    /// Position from the front principal point, mm.
+    pub position_mm: [f64; 3],
+    /// Standard deviations from pixel noise, mm.
+    pub std_mm: [f64; 3],
+    /// Γ, telecentric over entocentric radius.
+    pub gamma: f64,
+    /// The feature in the telecentric band.
+    pub telecentric: Feature,
+    /// The feature in the entocentric band.
+    pub entocentric: Feature,
+    /// How far the entocentric feature lies beside the telecentric one's azimuth, px: near zero if the axis is right.
+    pub azimuth_residual_px: f64,
+    /// Diameter of the disc that has the features' area, mm.
+    pub diameter_mm: f64,
+    /// Whether another pairing would have been nearly as good.
+    pub ambiguous: bool,
+}
+
+/// What a frame gives. In each band, features found = points + rejected.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Reconstruction {
+    /// Points, by the row and column of their telecentric features.
+    pub points: Vec<Point>,
+    /// Features of both bands that did not become part of a point.
+    pub rejected: Vec<Rejection>,
+}
+
+/// A frame that does not fit the instrument.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+pub enum ReconstructError {
+    /// A plane is missing.
+    #[error(transparent)]
+    Frame(#[from] FrameError),
+    /// Another size than the sensor's.
+    #[error(
+        "the frame is {} × {}, the instrument's sensor.size_px is {} × {}",
+        found_px[0], found_px[1], sensor_px[0], sensor_px[1]
+    )]
+    Size {
+        /// Columns and rows of the frame.
+        found_px: [usize; 2],
+        /// Columns and rows of the sensor.
+        sensor_px: [usize; 2],
+    },
+}
+
+/// An instrument made ready to read frames.
+#[derive(Debug, Clone)]
+pub struct Reconstructor {
+    instrument: Instrument,
+    model: Model,
+    options: Options,
+}
+
+impl Reconstructor {
+    /// A reconstructor for an instrument. `table` is the instrument's response, which the optics compute; without it
+    /// (and in paper mode) every lens is taken to be ideal.
+    pub fn new(instrument: Instrument, table: Option<ResponseTable>, options: Options) -> Self {
+        let [u, v] = instrument.sensor.axis_px;
+        let estimator = match options.mode {
+            Mode::Paper => Estimator::Radial { axis: PixelPoint { u, v } },
+            Mode::Centroid => Estimator::Cartesian,
+        };
+        let model = Model::new(&instrument, table.filter(|_| options.mode == Mode::Centroid));
+        let options = Options { detect: DetectOptions { estimator, ..options.detect }, ..options };
+        Self { instrument, model, options }
+    }
+
+    /// Reads one frame.
+    pub fn frame(&self, frame: &Frame) -> Result<Reconstruction, ReconstructError> {
+        let found_px = [frame.width_px(), frame.height_px()];
+        if found_px != self.instrument.sensor.size_px {
+            return Err(ReconstructError::Size { found_px, sensor_px: self.instrument.sensor.size_px });
+        }
+        let telecentric = self.detect(frame, Role::Telecentric)?;
+        let entocentric = self.detect(frame, Role::Entocentric)?;
+        let pairs = pair_up(
+            &self.model,
+            &self.instrument.sensor,
+            self.instrument.depth_range(),
+            &telecentric.features,
+            &entocentric.features,
+            &self.options.matching,
+        );
+        Ok(self.locate(telecentric, entocentric, &pairs))
+    }
+
+    /// The features of the band with a role.
+    pub fn detect(&self, frame: &Frame, role: Role) -> Result<Detection, FrameError> {
+        let band = self.instrument.band(role);
+        let plane = frame.plane(self.instrument.sensor.mosaic, &band.plane)?;
+        let noise = Noise::of_sensor(&self.instrument.sensor, frame.code_max());
+        Ok(detect(&plane, &band.name, Some(&noise), &self.options.detect))
+    }
+
+    /// Turns pairs into points, and whatever is left into rejections.
+    fn locate(&self, telecentric: Detection, entocentric: Detection, pairs: &[Match]) -> Reconstruction {
+        let mut fates = [&telecentric, &entocentric]
+            .map(|detection| vec![Some(RejectionReason::NoPartner); detection.features.len()]);
+        let mut points = Vec::with_capacity(pairs.len());
+        for pair in pairs {
+            let point = self.point(&telecentric.features, &entocentric.features, pair);
+            let fate = if point.is_some() { None } else { Some(RejectionReason::NoDepth) };
+            fates[0][pair.telecentric] = fate;
+            fates[1][pair.entocentric] = fate;
+            points.extend(point);
+        }
+        let mut rejected = Vec::new();
+        for ((detection, fates), role) in
+            [telecentric, entocentric].into_iter().zip(fates).zip([Role::Telecentric, Role::Entocentric])
+        {
+            rejected.extend(detection.rejected);
+            let band = &self.instrument.band(role).name;
+            rejected.extend(detection.features.iter().zip(fates).filter_map(|(feature, fate)| {
+                Some(Rejection {
+                    band: band.clone(),
+                    position: feature.centre,
+                    area_px: feature.area_px,
+                    reason: fate?,
+                })
+            }));
+        }
+        Reconstruction { points, rejected }
+    }
+
+    fn point(&self, telecentric: &[Feature], entocentric: &[Feature], pair: &Match) -> Option<Point> {
+        let features = [telecentric[pair.telecentric], entocentric[pair.entocentric]];
+        let sensor = &self.instrument.sensor;
+        let measured = MeasuredPair {
+            images: features.map(|feature| sensor.image_from_pixel(feature.centre)),
+            std_mm: features.map(|feature| feature.centre_std_px.map(|std_px| std_px * sensor.pitch_mm)),
+        };
+        let diameter_mm = self.diameter_mm(&features, &measured)?;
+        let position = match self.options.mode {
+            Mode::Paper => paper_position(&self.instrument, &self.model, &measured),
+            Mode::Centroid => model_position(&self.instrument, &self.model, &measured, diameter_mm),
+        }?;
+        let Position { position_mm, .. } = position;
+        let finite = position_mm.iter().chain(&position.std_mm()).all(|value| value.is_finite());
+        finite.then(|| Point {
+            position_mm,
+            std_mm: position.std_mm(),
+            gamma: measured.gamma(),
+            telecentric: features[0],
+            entocentric: features[1],
+            azimuth_residual_px: pair.azimuth_residual_px,
+            diameter_mm,
+            ambiguous: pair.ambiguous,
+        })
+    }
+
+    /// Diameter of the object from its larger outline; the other band's may have lost more to the masks.
+    fn diameter_mm(&self, features: &[Feature; 2], measured: &MeasuredPair) -> Option<f64> {
+        let [_, _, z_mm] = first_order_position_mm(&self.instrument, &self.model, measured)?;
+        let magnifications = self.model.magnifications(z_mm);
+        let diameters_mm = [0, 1].map(|role| {
+            let diameter_px = (4.0 * features[role].area_px / std::f64::consts::PI).sqrt();
+            diameter_px * self.instrument.sensor.pitch_mm / magnifications[role]
+        });
+        Some(diameters_mm[0].max(diameters_mm[1]))
+    }
+}

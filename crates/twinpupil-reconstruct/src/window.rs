@@ -1,0 +1,117 @@
+//! The light of one feature: a round window about its centre, with what belongs to its neighbours taken out.
+
+use crate::contrast::Contrast;
+use crate::outline::Outline;
+
+/// Round windows about all features of a plane. Where windows overlap, each pixel's light is shared.
+#[derive(Debug)]
+pub(crate) struct Windows<'a> {
+    contrast: &'a Contrast,
+    /// Centres, pixels of the plane.
+    pub(crate) centres: Vec<[f64; 2]>,
+    radii: Vec<f64>,
+    /// For every feature, those whose windows overlap its own.
+    neighbours: Vec<Vec<u32>>,
+}
+
+/// One pixel of a window.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct WindowPixel {
+    pub(crate) column: f64,
+    pub(crate) row: f64,
+    /// Contrast that belongs to the feature, codes.
+    pub(crate) signal: f64,
+    /// The feature's share of the pixel's contrast.
+    pub(crate) share: f64,
+    /// Contrast of the pixel as read, codes.
+    pub(crate) contrast: f32,
+}
+
+/// Pixels added to a feature's reach, so that faint skirts are within.
+const MARGIN: f64 = 2.0;
+
+impl<'a> Windows<'a> {
+    pub(crate) fn new(contrast: &'a Contrast, outlines: &[Outline]) -> Self {
+        let centres: Vec<[f64; 2]> = outlines.iter().map(|outline| outline.centre).collect();
+        let radii: Vec<f64> = outlines.iter().map(|outline| 1.05 * outline.reach + MARGIN).collect();
+        let neighbours = overlapping(&centres, &radii);
+        Self { contrast, centres, radii, neighbours }
+    }
+
+    /// Whether another feature's window overlaps this one's.
+    pub(crate) fn overlaps(&self, feature: usize) -> bool {
+        !self.neighbours[feature].is_empty()
+    }
+
+    /// Visits the pixels of a feature's window.
+    ///
+    /// A window that leaves the plane is trimmed on its far side too, so that it stays symmetric.
+    pub(crate) fn for_each_pixel(&self, feature: usize, mut visit: impl FnMut(WindowPixel)) {
+        let contrast = self.contrast;
+        let ([column, row], radius) = (self.centres[feature], self.radii[feature]);
+        let (last_column, last_row) = ((contrast.columns - 1) as f64, (contrast.rows - 1) as f64);
+        // A half side that keeps both a pixel and its mirror image inside.
+        let half = |centre: f64, last: f64| radius.min(centre).min(last - centre);
+        let (half_width, half_height) = (half(column, last_column), half(row, last_row));
+        if half_width < 0.0 || half_height < 0.0 {
+            return;
+        }
+        for r in (row - half_height).ceil() as usize..=(row + half_height).floor() as usize {
+            let dy = r as f64 - row;
+            let chord = (radius * radius - dy * dy).max(0.0).sqrt().min(half_width);
+            let line = &contrast.signal[r * contrast.columns..(r + 1) * contrast.columns];
+            for c in (column - chord).ceil() as usize..=(column + chord).floor() as usize {
+                let value = line[c];
+                let share = self.share(feature, c as f64, r as f64, value);
+                let signal = share * f64::from(value);
+                visit(WindowPixel { column: c as f64, row: r as f64, signal, share, contrast: value });
+            }
+        }
+    }
+
+    /// The share of a pixel's light that belongs to a feature, from what each claimant shows on its far side.
+    fn share(&self, feature: usize, column: f64, row: f64, value: f32) -> f64 {
+        let mut others = 0.0;
+        for &other in &self.neighbours[feature] {
+            let other = other as usize;
+            let [c, r] = self.centres[other];
+            if (column - c).powi(2) + (row - r).powi(2) < self.radii[other].powi(2) {
+                others += self.symmetric(other, column, row, value);
+            }
+        }
+        if others == 0.0 {
+            return 1.0;
+        }
+        let own = self.symmetric(feature, column, row, value);
+        own / (own + others)
+    }
+
+    /// The light that a feature shows both at a pixel and at its mirror image: an upper bound of its own light there,
+    /// since features are point symmetric and neighbours only add. At least the noise, so that shares stay defined.
+    fn symmetric(&self, feature: usize, column: f64, row: f64, value: f32) -> f64 {
+        let [c, r] = self.centres[feature];
+        let mirrored = self.contrast.at(2.0 * c - column, 2.0 * r - row);
+        f64::from(value.min(mirrored).max(self.contrast.smooth_noise))
+    }
+}
+
+/// For every disc, the discs that overlap it.
+fn overlapping(centres: &[[f64; 2]], radii: &[f64]) -> Vec<Vec<u32>> {
+    let mut by_column: Vec<usize> = (0..centres.len()).collect();
+    by_column.sort_by(|&a, &b| centres[a][0].total_cmp(&centres[b][0]));
+    let largest = radii.iter().copied().fold(0.0, f64::max);
+    let mut neighbours = vec![Vec::new(); centres.len()];
+    for (k, &a) in by_column.iter().enumerate() {
+        for &b in &by_column[k + 1..] {
+            let (dx, dy) = (centres[b][0] - centres[a][0], centres[b][1] - centres[a][1]);
+            if dx > radii[a] + largest {
+                break;
+            }
+            if dx.hypot(dy) < radii[a] + radii[b] {
+                neighbours[a].push(b as u32);
+                neighbours[b].push(a as u32);
+            }
+        }
+    }
+    neighbours
+}
