@@ -1,6 +1,11 @@
 //! The program: the one place of the workspace that reads and writes files.
 //!
-//! [`cli`] holds the command line, [`commands`] one module for each subcommand, [`io`] the files; [`plot`], [`picture`]
-//! and [`report`] make what a human looks at.
+//! [`cli`] holds the command line, [`commands`] one module for each subcommand, [`io`] the files.
 
+pub mod cli;
+pub mod commands;
+pub mod console;
 pub mod io;
+pub mod load;
+pub mod plot;
+pub mod text_table;

@@ -1,0 +1,95 @@
+//! The command line: arguments, exit codes and the one line that tells what went wrong.
+
+use std::io::{ErrorKind, Write};
+use std::process::ExitCode;
+
+use anyhow::{Context, Result};
+use clap::{Parser, Subcommand};
+
+use crate::commands::{instrument, simulate};
+use crate::console::Console;
+
+/// Depth from one exposure: simulates, reads and designs cameras with two coaxial colour apertures.
+///
+/// Data goes to standard output or to -o FILE, progress and summaries to standard error.
+/// Exit code 0: done; 1: failed, for the reason that is printed; 2: wrong usage.
+#[derive(Debug, Parser)]
+#[command(name = "twinpupil", version, max_term_width = 100)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+    /// Threads to compute on; one for each core if left out
+    #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    threads: Option<u16>,
+    /// No progress and no summary on standard error
+    #[arg(long, short, global = true)]
+    quiet: bool,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Print or explain an instrument file
+    #[command(subcommand)]
+    Instrument(instrument::Command),
+    /// Turn an instrument and a scene into the frame that the camera would deliver
+    Simulate(simulate::Args),
+}
+
+/// Reads the arguments of the process, does what they say and returns its exit code.
+pub fn main() -> ExitCode {
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        // Help and version are printed to standard output with code 0, wrong usage to standard error with code 2.
+        Err(error) => {
+            let _ = error.print();
+            return ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(2));
+        }
+    };
+    match run(&cli) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) if reader_has_left(&error) => ExitCode::SUCCESS,
+        Err(error) => {
+            let _ = writeln!(std::io::stderr(), "twinpupil: {}", one_line(&error));
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(cli: &Cli) -> Result<()> {
+    if let Some(threads) = cli.threads {
+        rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global().context("cannot start threads")?;
+    }
+    let console = Console::new(cli.quiet);
+    match &cli.command {
+        Command::Instrument(command) => instrument::run(command),
+        Command::Simulate(args) => simulate::run(args, &console),
+    }
+}
+
+/// Whether standard output was closed early, as `| head` does: the reader has what it wanted.
+fn reader_has_left(error: &anyhow::Error) -> bool {
+    error.downcast_ref::<std::io::Error>().is_some_and(|error| error.kind() == ErrorKind::BrokenPipe)
+}
+
+/// The chain of causes on one line, whatever line breaks a library put into it.
+fn one_line(error: &anyhow::Error) -> String {
+    format!("{error:#}").split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::*;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn errors_are_one_line() {
+        let error = anyhow::anyhow!("a\n  b").context("file");
+        assert_eq!(one_line(&error), "file: a b");
+    }
+}

@@ -1,0 +1,252 @@
+//! Plots as SVG that sits in a page: axes and text take the page's own colour, series those of [`Colour`].
+
+use kuva::plot::legend::{LegendEntry, LegendPosition, LegendShape};
+use kuva::plot::{LinePlot, ScatterPlot};
+use kuva::render::layout::Layout;
+use kuva::render::plots::Plot;
+use kuva::render::theme::Theme;
+
+/// Width and height of a plot in its own units; the page scales it.
+const SIZE: [f64; 2] = [640.0, 420.0];
+/// Radius of a marker.
+const MARKER: f64 = 3.5;
+
+/// Colours that stay apart under every common colour blindness  [Okabe and Ito 2008].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Colour {
+    /// The telecentric band, and what is measured.
+    Vermilion,
+    /// The entocentric band, and what is simulated.
+    Blue,
+    /// A second measurement.
+    Green,
+    /// A third measurement.
+    Orange,
+    /// A fourth measurement.
+    Purple,
+    /// The ideal: readable on light and on dark.
+    Grey,
+}
+
+impl Colour {
+    /// As CSS.
+    pub fn css(self) -> &'static str {
+        match self {
+            Self::Vermilion => "#d55e00",
+            Self::Blue => "#0072b2",
+            Self::Green => "#009e73",
+            Self::Orange => "#e69f00",
+            Self::Purple => "#cc79a7",
+            Self::Grey => "#888888",
+        }
+    }
+}
+
+/// How a line is drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stroke {
+    /// Through.
+    Solid,
+    /// Broken.
+    Dashed,
+}
+
+/// A point with the half length of its vertical error bar, where it has one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PlotPoint {
+    /// Abscissa.
+    pub x: f64,
+    /// Ordinate.
+    pub y: f64,
+    /// Half length of the error bar; 0 for none.
+    pub y_error: f64,
+}
+
+impl From<[f64; 2]> for PlotPoint {
+    fn from([x, y]: [f64; 2]) -> Self {
+        Self { x, y, y_error: 0.0 }
+    }
+}
+
+/// A plot in the making.
+pub struct Chart {
+    x_label: String,
+    y_label: String,
+    plots: Vec<Plot>,
+    legend: Vec<LegendEntry>,
+    x_range: Option<[f64; 2]>,
+    y_range: Option<[f64; 2]>,
+    size: [f64; 2],
+    equal_scales: bool,
+}
+
+impl Chart {
+    /// An empty plot; the labels carry the units.
+    pub fn new(x_label: &str, y_label: &str) -> Self {
+        Self {
+            x_label: x_label.to_owned(),
+            y_label: y_label.to_owned(),
+            plots: Vec::new(),
+            legend: Vec::new(),
+            x_range: None,
+            y_range: None,
+            size: SIZE,
+            equal_scales: false,
+        }
+    }
+
+    /// Adds markers, with error bars where there are errors. An empty name stays out of the legend; points that are not
+    /// finite are left out.
+    pub fn points(mut self, name: &str, colour: Colour, points: &[PlotPoint]) -> Self {
+        let drawn: Vec<&PlotPoint> = points.iter().filter(|point| point.x.is_finite() && point.y.is_finite()).collect();
+        if !drawn.is_empty() {
+            let mut scatter = ScatterPlot::new()
+                .with_data(drawn.iter().map(|point| (point.x, point.y)))
+                .with_color(colour.css())
+                .with_size(MARKER)
+                .with_marker_opacity(0.75);
+            if drawn.iter().any(|point| point.y_error > 0.0) {
+                scatter = scatter.with_y_err(drawn.iter().map(|point| finite_or_zero(point.y_error)));
+            }
+            self.plots.push(Plot::Scatter(scatter));
+        }
+        self.entry(name, colour, LegendShape::Circle, Stroke::Solid);
+        self
+    }
+
+    /// Adds a line through points. An empty name stays out of the legend.
+    pub fn line(mut self, name: &str, colour: Colour, stroke: Stroke, points: &[[f64; 2]]) -> Self {
+        let finite = points.iter().filter(|[x, y]| x.is_finite() && y.is_finite());
+        let drawn: Vec<(f64, f64)> = finite.map(|&[x, y]| (x, y)).collect();
+        if !drawn.is_empty() {
+            let line = LinePlot::new().with_data(drawn).with_color(colour.css()).with_stroke_width(2.0);
+            self.plots.push(Plot::Line(if stroke == Stroke::Dashed { line.with_dashed() } else { line }));
+        }
+        self.entry(name, colour, LegendShape::Line, stroke);
+        self
+    }
+
+    /// Fixes the horizontal range.
+    pub fn x_range(mut self, min: f64, max: f64) -> Self {
+        self.x_range = Some([min, max]);
+        self
+    }
+
+    /// Fixes the vertical range.
+    pub fn y_range(mut self, min: f64, max: f64) -> Self {
+        self.y_range = Some([min, max]);
+        self
+    }
+
+    /// Draws a unit as long across as up, on a square.
+    pub fn equal_scales(mut self) -> Self {
+        self.size = [SIZE[0], SIZE[0]];
+        self.equal_scales = true;
+        self
+    }
+
+    /// The plot.
+    pub fn into_svg(mut self) -> String {
+        let mut plots = std::mem::take(&mut self.plots);
+        if plots.is_empty() {
+            // Axes need something to range over.
+            plots.push(Plot::Scatter(ScatterPlot::new().with_data([(0.0, 0.0), (1.0, 1.0)]).with_color("none")));
+        }
+        let layout = self.into_layout(&plots);
+        scalable(&kuva::render_to_svg(plots, layout))
+    }
+
+    fn into_layout(self, plots: &[Plot]) -> Layout {
+        let mut layout = Layout::auto_from_plots(plots)
+            .with_width(self.size[0])
+            .with_height(self.size[1])
+            .with_x_label(self.x_label.as_str())
+            .with_y_label(self.y_label.as_str())
+            .with_theme(theme())
+            .with_label_size(14)
+            .with_tick_size(12)
+            .with_body_size(12);
+        if let Some([min, max]) = self.x_range {
+            layout = layout.with_x_axis_min(min).with_x_axis_max(max);
+        }
+        if let Some([min, max]) = self.y_range {
+            layout = layout.with_y_axis_min(min).with_y_axis_max(max);
+        }
+        if self.equal_scales {
+            layout = layout.with_equal_aspect();
+        }
+        if !self.legend.is_empty() {
+            layout = layout
+                .with_legend_entries(self.legend)
+                .with_legend_position(LegendPosition::OutsideBottomColumns)
+                .with_legend_box(false);
+        }
+        layout
+    }
+
+    fn entry(&mut self, name: &str, colour: Colour, shape: LegendShape, stroke: Stroke) {
+        if !name.is_empty() {
+            let dasharray = (stroke == Stroke::Dashed).then(|| "6 4".to_owned());
+            self.legend.push(LegendEntry { label: name.to_owned(), color: colour.css().to_owned(), shape, dasharray });
+        }
+    }
+}
+
+fn finite_or_zero(value: f64) -> f64 {
+    if value.is_finite() { value } else { 0.0 }
+}
+
+/// No background, and the colour of the surrounding text for everything that is not a series.
+fn theme() -> Theme {
+    let ink = || "currentColor".to_owned();
+    Theme {
+        background: "none".to_owned(),
+        axis_color: ink(),
+        grid_color: "#88888840".to_owned(),
+        tick_color: ink(),
+        text_color: ink(),
+        legend_bg: "none".to_owned(),
+        legend_border: "none".to_owned(),
+        font_family: Some("system-ui, sans-serif".to_owned()),
+        ..Theme::light()
+    }
+}
+
+/// Gives the drawing a view box, so that the page may scale it, and takes away its fixed size.
+fn scalable(svg: &str) -> String {
+    let number = |key: &str| svg.split_once(key)?.1.split('"').next()?.parse::<f64>().ok();
+    match (number(" width=\""), number(" height=\"")) {
+        (Some(width), Some(height)) => {
+            let sized = format!(" width=\"{width}\" height=\"{height}\"");
+            let boxed = format!(" viewBox=\"0 0 {width} {height}\"{sized} role=\"img\"");
+            svg.replacen(&sized, &boxed, 1)
+        }
+        _ => svg.to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn degenerate_data_still_make_a_plot() {
+        let nan = [f64::NAN, 1.0];
+        let one = [[1.0, 1.0]];
+        for chart in [
+            Chart::new("x", "y"),
+            Chart::new("x", "y").points("none", Colour::Blue, &[nan.into()]).line("", Colour::Blue, Stroke::Solid, &[]),
+            Chart::new("x", "y").line("one", Colour::Blue, Stroke::Dashed, &one),
+            Chart::new("x", "y").points("one", Colour::Blue, &one.map(PlotPoint::from)),
+        ] {
+            let svg = chart.into_svg();
+            assert!(svg.starts_with("<svg") && svg.contains("viewBox") && !svg.contains("NaN"), "{svg}");
+        }
+    }
+
+    #[test]
+    fn text_is_escaped() {
+        let svg = Chart::new("a < b & c", "y").into_svg();
+        assert!(svg.contains("a &lt; b &amp; c"));
+    }
+}
