@@ -24,8 +24,8 @@ pub(crate) struct Background {
     levels: Vec<f32>,
     /// Mean level, codes.
     pub(crate) mean: f64,
-    /// Standard deviation of background pixels about the surface, codes.
-    pub(crate) scatter: f64,
+    /// Noise of one pixel, codes.
+    pub(crate) pixel_noise: f64,
     pub(crate) polarity: Polarity,
 }
 
@@ -49,7 +49,7 @@ impl Background {
         let (levels, weights) = ground_means(&samples, &first, 4.0 * scatter.max(0.5), polarity);
         let levels = tiles.filled(&levels, &weights, &first);
         let mean = levels.iter().map(|&level| f64::from(level)).sum::<f64>() / levels.len() as f64;
-        Self { tiles, levels, mean, scatter: f64::from(scatter), polarity }
+        Self { tiles, levels, mean, pixel_noise: pixel_noise(plane), polarity }
     }
 
     /// Background of every pixel of a row of the plane.
@@ -152,6 +152,17 @@ fn ground_scatter(samples: &[Vec<f32>], ground: &[f32], polarity: Polarity) -> f
         .map(f32::abs)
         .collect();
     if deviations.is_empty() { 0.0 } else { 1.4826 * quantile(&mut deviations, 0.5) }
+}
+
+/// Noise of one pixel from second differences along rows, which a slope does not reach: 1.4826 × their median size,
+/// over √6.
+fn pixel_noise(plane: &PlaneView<'_>) -> f64 {
+    let mut differences = Vec::new();
+    for row in (0..plane.rows).step_by(STRIDE) {
+        let codes: Vec<f32> = plane.row(row).map(f32::from).collect();
+        differences.extend(codes.windows(3).step_by(STRIDE).map(|c| (c[0] - 2.0 * c[1] + c[2]).abs()));
+    }
+    1.4826 * f64::from(quantile(&mut differences, 0.5)) / 6.0_f64.sqrt()
 }
 
 /// Mean of the codes of each tile that are no feature, and their share of the tile.

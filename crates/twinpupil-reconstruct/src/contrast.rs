@@ -49,7 +49,7 @@ impl Contrast {
             }
         }
         let smooth = binomial(&signal, plane.columns, plane.rows);
-        let pixel_noise = noise.map_or(background.scatter, |noise| noise.variance(background.mean).sqrt());
+        let pixel_noise = noise.map_or(background.pixel_noise, |noise| noise.variance(background.mean).sqrt());
         Self {
             columns: plane.columns,
             rows: plane.rows,

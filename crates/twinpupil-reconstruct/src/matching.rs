@@ -89,8 +89,8 @@ pub(crate) fn pair_up(
 struct SearchLine {
     near: PixelPoint,
     far: PixelPoint,
-    /// Square of telecentric over entocentric magnification at both ends.
-    area_ratio: [f64; 2],
+    /// Entocentric over telecentric magnification at both ends, linear between them.
+    size_ratio: [f64; 2],
 }
 
 impl SearchLine {
@@ -103,10 +103,10 @@ impl SearchLine {
             let along = |image: f64, r0: f64, b0: f64| b0 + (image - r0) * b / r;
             let partner =
                 ImagePoint { x_mm: along(image.x_mm, r0.x_mm, b0.x_mm), y_mm: along(image.y_mm, r0.y_mm, b0.y_mm) };
-            (sensor.pixel_from_image(partner), (r / b).powi(2))
+            (sensor.pixel_from_image(partner), b / r)
         };
         let ((near, near_ratio), (far, far_ratio)) = (end(range.near_mm), end(range.far_mm));
-        Self { near, far, area_ratio: [near_ratio, far_ratio] }
+        Self { near, far, size_ratio: [near_ratio, far_ratio] }
     }
 
     /// Position of a pixel along the line (0 near, 1 far) and beside it in px.
@@ -137,9 +137,9 @@ impl Candidate {
         if !(0.0..=1.0).contains(&along) || beside_px.abs() > options.azimuth_tolerance_px {
             return None;
         }
-        let [near, far] = line.area_ratio;
-        let expected = near + along * (far - near);
-        let area_log = (telecentric.area_px / feature.area_px / expected).ln();
+        let [near, far] = line.size_ratio;
+        let size_ratio = near + along * (far - near);
+        let area_log = (feature.area_px / telecentric.area_px / size_ratio.powi(2)).ln();
         let noise_px2: f64 =
             [telecentric, feature].iter().map(|f| f.centre_std_px[0].max(f.centre_std_px[1]).powi(2)).sum();
         let chi2 = beside_px.powi(2) / (options.azimuth_std_px.powi(2) + noise_px2)

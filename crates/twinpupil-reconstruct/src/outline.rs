@@ -56,11 +56,6 @@ impl Outline {
         let count = pixels.len() as f64;
         Self { centre: sum.map(|s| s / count), pixels, height, reach: 0.0, touches_edge }
     }
-
-    /// Radius of the disc of the same area, pixels of the plane.
-    pub(crate) fn radius(&self) -> f64 {
-        (self.pixels.len() as f64 / std::f64::consts::PI).sqrt()
-    }
 }
 
 /// Pixels in the order of their basins: basin `b` has those from `starts[b]` to `starts[b + 1]`.

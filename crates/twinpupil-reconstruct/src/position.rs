@@ -161,9 +161,9 @@ mod tests {
             let pair = pair(&model, object_mm);
             let paper = paper_position(&instrument, &model, &pair).expect("off the axis");
             let found = model_position(&instrument, &model, &pair, 1.0).expect("off the axis");
-            for axis in 0..3 {
-                prop_assert!((paper.position_mm[axis] - object_mm[axis]).abs() < 1e-9);
-                prop_assert!((found.position_mm[axis] - object_mm[axis]).abs() < 1e-6);
+            for (axis, expected_mm) in object_mm.into_iter().enumerate() {
+                prop_assert!((paper.position_mm[axis] - expected_mm).abs() < 1e-9);
+                prop_assert!((found.position_mm[axis] - expected_mm).abs() < 1e-6);
             }
         }
     }

@@ -27,13 +27,13 @@ pub(crate) struct WindowPixel {
     pub(crate) contrast: f32,
 }
 
-/// Pixels added to a feature's reach, so that faint skirts are within.
-const MARGIN: f64 = 2.0;
+/// Pixels added to a feature's reach: enough for its skirts, and little ground, whose noise grows with the window.
+const MARGIN: f64 = 0.5;
 
 impl<'a> Windows<'a> {
     pub(crate) fn new(contrast: &'a Contrast, outlines: &[Outline]) -> Self {
         let centres: Vec<[f64; 2]> = outlines.iter().map(|outline| outline.centre).collect();
-        let radii: Vec<f64> = outlines.iter().map(|outline| 1.05 * outline.reach + MARGIN).collect();
+        let radii: Vec<f64> = outlines.iter().map(|outline| outline.reach + MARGIN).collect();
         let neighbours = overlapping(&centres, &radii);
         Self { contrast, centres, radii, neighbours }
     }
@@ -60,11 +60,11 @@ impl<'a> Windows<'a> {
             let dy = r as f64 - row;
             let chord = (radius * radius - dy * dy).max(0.0).sqrt().min(half_width);
             let line = &contrast.signal[r * contrast.columns..(r + 1) * contrast.columns];
-            for c in (column - chord).ceil() as usize..=(column + chord).floor() as usize {
-                let value = line[c];
-                let share = self.share(feature, c as f64, r as f64, value);
-                let signal = share * f64::from(value);
-                visit(WindowPixel { column: c as f64, row: r as f64, signal, share, contrast: value });
+            let (first, last) = ((column - chord).ceil() as usize, (column + chord).floor() as usize);
+            for (c, &value) in line[first..=last].iter().enumerate() {
+                let (column, row) = ((first + c) as f64, r as f64);
+                let share = self.share(feature, column, row, value);
+                visit(WindowPixel { column, row, signal: share * f64::from(value), share, contrast: value });
             }
         }
     }
