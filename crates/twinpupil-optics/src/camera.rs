@@ -1,11 +1,12 @@
 //! An instrument made ready to trace.
 
 use thiserror::Error;
-use twinpupil_instrument::{Band, ImagePoint, Instrument, Lens};
+use twinpupil_instrument::{Band, ImagePoint, Instrument, Lens, Projection};
 
+use crate::masks::Masks;
 use crate::stop::Stop;
-use crate::thin::{ThinBand, ThinPrescription};
-use crate::{Footprint, ObjectRays, RayLedger, RayStarts};
+use crate::thin::ThinBand;
+use crate::{Footprint, ObjectRays, PointImage, RayLedger, RayStarts};
 
 /// Why an instrument cannot be traced.
 #[derive(Debug, Clone, PartialEq, Error)]
@@ -54,6 +55,10 @@ impl Camera {
 #[derive(Debug, Clone)]
 pub struct BandOptics {
     name: String,
+    /// To first order, by the data sheet.
+    projection: Projection,
+    /// To first order, at the band's own wavelength.
+    masks: Masks,
     model: Model,
 }
 
@@ -64,33 +69,37 @@ enum Model {
 
 impl BandOptics {
     fn new(instrument: &Instrument, band: &Band) -> Result<Self, OpticsError> {
-        let stops: Vec<Stop> =
-            instrument.apertures.iter().enumerate().map(|(i, mask)| Stop::new(i, mask, &band.name)).collect();
         let projection = instrument.projection(band);
-        let pupil = instrument.pupil_index(band);
+        let stops = instrument.apertures.iter().enumerate().map(|(i, mask)| Stop::new(i, mask, &band.name)).collect();
+        let masks = Masks {
+            focal_length_mm: projection.focal_length_mm,
+            sensor_distance_mm: projection.sensor_distance_mm,
+            stops,
+            pupil: instrument.pupil_index(band),
+            pupil_radius_mm: projection.pupil_radius_mm,
+        };
+        if masks.sensor_pencil(projection.pupil_position_mm).abs() < SMALLEST_PENCIL {
+            return Err(OpticsError::PupilInFocus {
+                band: band.name.clone(),
+                aperture: masks.pupil,
+                position_mm: projection.pupil_position_mm,
+            });
+        }
         let model = match &instrument.lens {
-            Lens::Thin(_) => {
-                let prescription = ThinPrescription {
-                    focal_length_mm: projection.focal_length_mm,
-                    sensor_distance_mm: projection.sensor_distance_mm,
-                    stops: &stops,
-                    pupil,
-                    pupil_radius_mm: projection.pupil_radius_mm,
-                };
-                let position_mm = projection.pupil_position_mm;
-                if prescription.cone(position_mm).abs() < SMALLEST_CONE {
-                    return Err(OpticsError::PupilInFocus { band: band.name.clone(), aperture: pupil, position_mm });
-                }
-                Model::Thin(ThinBand::new(&prescription))
-            }
+            Lens::Thin(_) => Model::Thin(ThinBand::new(&masks)),
             Lens::Fresnel(_) => return Err(OpticsError::Unsupported { model: "fresnel" }),
         };
-        Ok(Self { name: band.name.clone(), model })
+        Ok(Self { name: band.name.clone(), projection, masks, model })
     }
 
     /// The band's name.
     pub fn name(&self) -> &str {
         &self.name
+    }
+
+    /// The band's first-order projection, as the instrument states it.
+    pub fn projection(&self) -> &Projection {
+        &self.projection
     }
 
     /// Traces rays from the sensor into object space and enters their fates in `ledger`.
@@ -123,7 +132,26 @@ impl BandOptics {
             Model::Thin(band) => band.is_unclipped(centre, radius_mm),
         }
     }
+
+    /// What becomes of the light of an object point (x, y, z) in mm, z > 0: exact for a thin lens.
+    pub fn point_image(&self, object_mm: [f64; 3]) -> PointImage {
+        match &self.model {
+            Model::Thin(_) => self.masks.point_image(object_mm),
+        }
+    }
+
+    /// Radius about the axis at distance `z_mm` inside which other masks clip the band's pupil, mm: 0 if it is clear
+    /// on the axis, infinite if it is clear nowhere. To first order, along +x.
+    pub fn clip_radius_mm(&self, z_mm: f64) -> f64 {
+        self.masks.clip_radius_mm(z_mm)
+    }
+
+    /// Radius about the axis at distance `z_mm` inside which no light of the band passes, mm: 0 if some passes on the
+    /// axis, infinite if none does anywhere. To first order, along +x.
+    pub fn blind_radius_mm(&self, z_mm: f64) -> f64 {
+        self.masks.blind_radius_mm(z_mm)
+    }
 }
 
 /// Smallest width of a pencil at the pupil relative to the lens at which aiming through the pupil is still sensible.
-const SMALLEST_CONE: f64 = 1e-6;
+const SMALLEST_PENCIL: f64 = 1e-6;

@@ -17,10 +17,16 @@
 mod camera;
 mod ledger;
 mod linear;
+mod masks;
+mod point_image;
 mod rays;
+mod region;
+mod response;
 mod stop;
 mod thin;
 
 pub use camera::{BandOptics, Camera, OpticsError};
 pub use ledger::{RayFate, RayLedger};
+pub use point_image::PointImage;
 pub use rays::{Footprint, ObjectRays, RayStarts};
+pub use response::{response_grids, response_table, response_table_for};

@@ -17,6 +17,7 @@ use multiversion::multiversion;
 use twinpupil_instrument::{Annulus, ImagePoint};
 
 use crate::linear::{Disc, Linear};
+use crate::masks::Masks;
 use crate::stop::{Stop, holds};
 use crate::{Footprint, ObjectRays, RayLedger, RayStarts};
 
@@ -36,44 +37,24 @@ pub(crate) struct ThinBand {
     weight: f64,
 }
 
-/// What a [`ThinBand`] is made of.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct ThinPrescription<'a> {
-    pub(crate) focal_length_mm: f64,
-    pub(crate) sensor_distance_mm: f64,
-    /// All apertures.
-    pub(crate) stops: &'a [Stop],
-    /// Which of them is the pupil.
-    pub(crate) pupil: usize,
-    pub(crate) pupil_radius_mm: f64,
-}
-
-impl ThinPrescription<'_> {
-    /// Width of a pencil from a sensor point at an aperture, relative to its width at the lens, α.
-    pub(crate) fn cone(&self, position_mm: f64) -> f64 {
-        let (l, f) = (self.sensor_distance_mm, self.focal_length_mm);
-        if position_mm >= 0.0 { 1.0 - position_mm / l } else { 1.0 - position_mm * (1.0 / l - 1.0 / f) }
-    }
-}
-
 impl ThinBand {
-    /// Requires a pupil that is not conjugate to the sensor: its `cone` is not zero.
-    pub(crate) fn new(lens: &ThinPrescription<'_>) -> Self {
-        let (l, f) = (lens.sensor_distance_mm, lens.focal_length_mm);
-        let pupil = &lens.stops[lens.pupil];
-        let aim = Linear { per_pupil: lens.pupil_radius_mm, per_image: 0.0, constant: pupil.centre_mm };
+    /// Requires a pupil that is not conjugate to the sensor: its `sensor_pencil` is not zero.
+    pub(crate) fn new(masks: &Masks) -> Self {
+        let (l, f) = (masks.sensor_distance_mm, masks.focal_length_mm);
+        let pupil = masks.pupil();
+        let aim = Linear { per_pupil: masks.pupil_radius_mm, per_image: 0.0, constant: pupil.centre_mm };
         // a = (m − β s)/α with s = −p.
-        let at_lens = aim.plus_image(pupil.position_mm / l).scaled(1.0 / lens.cone(pupil.position_mm));
+        let at_lens = aim.plus_image(pupil.position_mm / l).scaled(1.0 / masks.sensor_pencil(pupil.position_mm));
         let from_centre = |stop: &Stop| {
             let [x, y] = stop.centre_mm;
             let centre = Linear { per_pupil: 0.0, per_image: 0.0, constant: [-x, -y] };
             if std::ptr::eq(stop, pupil) {
                 return aim.plus(centre);
             }
-            at_lens.scaled(lens.cone(stop.position_mm)).plus_image(-stop.position_mm / l).plus(centre)
+            at_lens.scaled(masks.sensor_pencil(stop.position_mm)).plus_image(-stop.position_mm / l).plus(centre)
         };
         let full_pupil = pupil.rings.len() == 1 && pupil.rings[0].inner_mm == 0.0;
-        let mut stops: Vec<_> = lens
+        let mut stops: Vec<_> = masks
             .stops
             .iter()
             .filter(|stop| !(stop.is_open() || full_pupil && std::ptr::eq(*stop, pupil)))
@@ -84,7 +65,7 @@ impl ThinBand {
             lens: at_lens,
             slope: at_lens.scaled(1.0 / l - 1.0 / f).plus_image(1.0 / l),
             stops,
-            weight: 1.0 / pupil.filled_fraction(lens.pupil_radius_mm),
+            weight: 1.0 / pupil.filled_fraction(masks.pupil_radius_mm),
         }
     }
 

@@ -1,0 +1,76 @@
+//! The response table: what the optics make of object points, over radius and distance.
+
+use rayon::prelude::*;
+use twinpupil_instrument::{BandResponse, DepthRange, Grid, Instrument, Lens, PointResponse, ResponseTable};
+
+use crate::{BandOptics, Camera, OpticsError};
+
+/// Finest table that is made by default, whatever the field of view.
+const NODES_MAX: usize = 2000;
+
+/// Share by which the default table reaches beyond the depth range and the corner of the sensor.
+const MARGIN: f64 = 0.05;
+
+/// Tabulates throughput and centroid displacement of every band at the nodes of `r_mm` and `z_mm` (all above zero).
+///
+/// The displacement is that of the image's centroid from `Instrument::projection`, along the radius, zero where no
+/// light arrives. Object points lie along +x: with apertures off the axis the table holds for that azimuth only.
+pub fn response_table(camera: &Camera, r_mm: Grid, z_mm: Grid) -> ResponseTable {
+    let node = |optics: &BandOptics, index: usize| {
+        response(optics, r_mm.node(index % r_mm.count), z_mm.node(index / r_mm.count))
+    };
+    let bands = camera.bands().iter().map(|optics| BandResponse {
+        band: optics.name().to_owned(),
+        nodes: (0..r_mm.count * z_mm.count).into_par_iter().map(|index| node(optics, index)).collect(),
+    });
+    ResponseTable { r_mm, z_mm, bands: bands.collect() }
+}
+
+/// The response table of an instrument over [`response_grids`].
+pub fn response_table_for(instrument: &Instrument) -> Result<ResponseTable, OpticsError> {
+    let (r_mm, z_mm) = response_grids(instrument);
+    Ok(response_table(&Camera::new(instrument)?, r_mm, z_mm))
+}
+
+/// Radii up to the corner of the sensor and distances of the depth range, both with a margin of 5 %.
+///
+/// Thin lens: steps of 0.05 mm and at most 5 mm. Fresnel lens, which is smooth and costs more: twice that.
+pub fn response_grids(instrument: &Instrument) -> (Grid, Grid) {
+    let coarsening = match instrument.lens {
+        Lens::Thin(_) => 1.0,
+        Lens::Fresnel(_) => 2.0,
+    };
+    let DepthRange { near_mm, far_mm } = instrument.depth_range();
+    let (near_mm, far_mm) = (near_mm * (1.0 - MARGIN), far_mm * (1.0 + MARGIN));
+    let magnifications = instrument
+        .projections()
+        .into_iter()
+        .flat_map(|projection| [near_mm, far_mm].map(|z_mm| projection.magnification(z_mm).abs()));
+    let smallest = magnifications.fold(f64::INFINITY, f64::min);
+    let r_max_mm = (1.0 + MARGIN) * corner_radius_mm(instrument) / smallest;
+    let nodes = |span_mm: f64, step_mm: f64| ((span_mm / step_mm).ceil() as usize).clamp(1, NODES_MAX) + 1;
+    let r_max_mm = r_max_mm.min(0.05 * coarsening * NODES_MAX as f64);
+    let r_mm = Grid::spanning(0.0, r_max_mm, nodes(r_max_mm, 0.05 * coarsening));
+    let z_mm = Grid::spanning(near_mm, far_mm, nodes(far_mm - near_mm, 5.0 * coarsening));
+    (r_mm, z_mm)
+}
+
+/// Distance of the farthest corner of the sensor from the axis, mm.
+fn corner_radius_mm(instrument: &Instrument) -> f64 {
+    let sensor = &instrument.sensor;
+    let reach_px = |k: usize| {
+        let last_px = (sensor.size_px[k] - 1) as f64;
+        sensor.axis_px[k].abs().max((last_px - sensor.axis_px[k]).abs()) + 0.5
+    };
+    sensor.pitch_mm * reach_px(0).hypot(reach_px(1))
+}
+
+fn response(optics: &BandOptics, r_mm: f64, z_mm: f64) -> PointResponse {
+    let object_mm = [r_mm, 0.0, z_mm];
+    let image = optics.point_image(object_mm);
+    let first_order = optics.projection().image(object_mm);
+    let lit = image.throughput > 0.0;
+    // Signed along +x, so that the table stays smooth where a centroid crosses the axis.
+    let radial_deviation_mm = if lit { image.centroid.x_mm - first_order.x_mm } else { 0.0 };
+    PointResponse { throughput: image.throughput, radial_deviation_mm }
+}
