@@ -7,17 +7,24 @@
 //!
 //! Nothing here does I/O. The same scene, instrument and seed give the same bytes on any number of threads.
 
+mod bundle;
+mod disc;
 mod dot;
+mod index;
 mod packing;
 pub mod paper;
 mod plate;
+mod render;
 mod sampling;
 mod scene;
 mod sensor;
+mod simulate;
 mod texture;
 
 pub use dot::{Dot, DotSpec};
 pub use packing::{PackingError, RandomDots};
 pub use plate::{DotGrid, ImagePattern, Pattern, Plate, Pose, TiltAxis};
+pub use sampling::PUPIL_SAMPLES_MAX;
 pub use scene::{DOT_COUNT_MAX, Scene, SceneError, SceneSpec};
+pub use simulate::{Expectation, SimulateError, SimulateOptions, Simulation, expected_electrons, simulate};
 pub use texture::{Picture, PictureError, Texture};

@@ -1,0 +1,309 @@
+//! The light that every pixel receives in every band, integrated over the pupil and the pixel.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use rayon::prelude::*;
+use twinpupil_instrument::{ImagePoint, Instrument, PixelPoint, Projection, Sensor};
+use twinpupil_optics::{BandOptics, Camera, ObjectRays, RayLedger, RayStarts};
+
+use crate::bundle::{Bundle, Sight};
+use crate::disc::Disc;
+use crate::index::DotIndex;
+use crate::sampling::{SampleBank, SampleSet};
+use crate::scene::Scene;
+use crate::texture::Texture;
+
+/// Side of the squares of pixels that are first looked at as a whole, px.
+const TILE_PX: usize = 16;
+
+/// Smallest magnification at which a pixel's shadow in object space still makes sense.
+const MAGNIFICATION_MIN: f64 = 1e-6;
+
+/// Scene, optics and samples, ready to give the light in any pixel.
+pub(crate) struct Renderer<'a> {
+    scene: &'a Scene,
+    sensor: &'a Sensor,
+    bands: Vec<BandView<'a>>,
+    index: DotIndex,
+    bank: SampleBank,
+    pupil_samples: usize,
+}
+
+/// One band and the scene as it appears in it.
+struct BandView<'a> {
+    optics: &'a BandOptics,
+    projection: Projection,
+    /// In the order of the scene's dots.
+    discs: Vec<Disc>,
+}
+
+/// What a bundle of rays meets.
+#[derive(Default)]
+struct Prospect {
+    /// Some dot fills it, and no picture stands in between.
+    filled: bool,
+    /// The picture may be in it.
+    picture: bool,
+    /// Dots that rays may or may not hit.
+    dots: Vec<usize>,
+}
+
+/// Buffers that are used again from pixel to pixel.
+#[derive(Default)]
+struct Workspace {
+    nearby: Vec<usize>,
+    tile: Prospect,
+    pixel: Prospect,
+    image_x_mm: Vec<f64>,
+    image_y_mm: Vec<f64>,
+    rays: ObjectRays,
+    coverage: Vec<f64>,
+    ledger: RayLedger,
+}
+
+/// Which pixels of a 2×2 cell are wanted, by row and column.
+pub(crate) type WantedCell = [[bool; 2]; 2];
+
+impl<'a> Renderer<'a> {
+    pub(crate) fn new(instrument: &'a Instrument, camera: &'a Camera, scene: &'a Scene, pupil_samples: usize) -> Self {
+        let sensor = &instrument.sensor;
+        let view = |(band, optics)| {
+            let projection = instrument.projection(band);
+            let disc = |dot: &crate::Dot| Disc::new(dot, shadow_mm(&projection, sensor.pitch_mm, dot.centre_mm[2]));
+            BandView { optics, projection, discs: scene.dots().iter().map(disc).collect() }
+        };
+        Self {
+            scene,
+            sensor,
+            bands: instrument.bands.iter().zip(camera.bands()).map(view).collect(),
+            index: DotIndex::new(scene.dots()),
+            bank: SampleBank::new(pupil_samples),
+            pupil_samples,
+        }
+    }
+
+    /// Electrons of unit response in every wanted pixel of a band, row by row, and what became of the rays.
+    ///
+    /// `step` is called after every row of tiles.
+    pub(crate) fn band_electrons(
+        &self,
+        band: usize,
+        wanted: WantedCell,
+        step: &(dyn Fn() + Sync),
+    ) -> (Vec<f64>, RayLedger) {
+        let [width_px, height_px] = self.sensor.size_px;
+        let mut electrons = vec![0.0; width_px * height_px];
+        let tile_rows = electrons.par_chunks_mut(width_px * TILE_PX).enumerate();
+        let ledger = tile_rows
+            .map_init(Workspace::default, |workspace, (tile_row, rows)| {
+                for column in (0..width_px).step_by(TILE_PX) {
+                    self.tile(band, [column, tile_row * TILE_PX], wanted, rows, workspace);
+                }
+                step();
+                std::mem::take(&mut workspace.ledger)
+            })
+            .reduce(RayLedger::default, |mut sum, ledger| {
+                sum.merge(&ledger);
+                sum
+            });
+        (electrons, ledger)
+    }
+
+    /// Number of rows of tiles in a band.
+    pub(crate) fn tile_rows(&self) -> usize {
+        self.sensor.size_px[1].div_ceil(TILE_PX)
+    }
+
+    /// Fills one tile from `[column, row]` on; `rows` are the pixel rows of the tile's whole row of tiles.
+    fn tile(&self, band: usize, first: [usize; 2], wanted: WantedCell, rows: &mut [f64], workspace: &mut Workspace) {
+        let width_px = self.sensor.size_px[0];
+        let [column_first, row_first] = first;
+        let columns = column_first..width_px.min(column_first + TILE_PX);
+        let bundle = self.bundle(band, first, [columns.len(), rows.len() / width_px]);
+        self.look_around(&bundle, workspace);
+        let uniform_e = self.uniform_e(&workspace.tile);
+        if uniform_e == Some(0.0) {
+            return;
+        }
+        let unclipped_e = uniform_e.filter(|_| bundle.is_unclipped());
+        for (row, pixels) in (row_first..).zip(rows.chunks_exact_mut(width_px)) {
+            for column in columns.clone().filter(|column| wanted[row % 2][column % 2]) {
+                pixels[column] = unclipped_e.unwrap_or_else(|| self.pixel(band, column, row, workspace));
+            }
+        }
+    }
+
+    /// Electrons in one pixel, whose tile has been looked at.
+    fn pixel(&self, band: usize, column: usize, row: usize, workspace: &mut Workspace) -> f64 {
+        let bundle = self.bundle(band, [column, row], [1, 1]);
+        let Workspace { tile, pixel, .. } = workspace;
+        self.look_closer(&bundle, tile, pixel);
+        match self.uniform_e(pixel) {
+            Some(0.0) => 0.0,
+            Some(electrons) if bundle.is_unclipped() => electrons,
+            uniform_e => {
+                let samples = self.bank.of_pixel(band, column, row);
+                self.trace(&bundle, samples, workspace);
+                match uniform_e {
+                    Some(electrons) => electrons * sum(&workspace.rays, |_| 1.0) / self.pupil_samples as f64,
+                    None => self.sampled_e(band, samples, workspace),
+                }
+            }
+        }
+    }
+
+    /// All rays of a band from a rectangle of pixels.
+    fn bundle(&self, band: usize, first: [usize; 2], size_px: [usize; 2]) -> Bundle<'a> {
+        let middle = |axis: usize| first[axis] as f64 + 0.5 * (size_px[axis] as f64 - 1.0);
+        let centre = self.sensor.image_from_pixel(PixelPoint { u: middle(0), v: middle(1) });
+        let radius_mm = 0.5 * self.sensor.pitch_mm * (size_px[0] as f64).hypot(size_px[1] as f64);
+        Bundle { optics: self.bands[band].optics, centre, radius_mm }
+    }
+
+    /// What the bundle of a tile meets among all there is.
+    fn look_around(&self, bundle: &Bundle<'_>, workspace: &mut Workspace) {
+        let Workspace { nearby, tile, .. } = workspace;
+        nearby.clear();
+        if !self.scene.dots().is_empty() {
+            let [near_mm, far_mm] = self.index.z_mm;
+            let (low_mm, high_mm) = bundle.rectangle_mm(near_mm, far_mm);
+            self.index.find(low_mm, high_mm, nearby);
+        }
+        let picture = self.scene.texture().is_some_and(|texture| may_meet(bundle, texture));
+        self.look_at(bundle, nearby, picture, tile);
+    }
+
+    /// What the bundle of a pixel meets among what its tile does.
+    fn look_closer(&self, bundle: &Bundle<'_>, tile: &Prospect, pixel: &mut Prospect) {
+        let picture = tile.picture && self.scene.texture().is_some_and(|texture| may_meet(bundle, texture));
+        self.look_at(bundle, &tile.dots, picture, pixel);
+        pixel.filled |= tile.filled;
+    }
+
+    fn look_at(&self, bundle: &Bundle<'_>, dots: &[usize], picture: bool, prospect: &mut Prospect) {
+        prospect.dots.clear();
+        prospect.filled = false;
+        prospect.picture = picture;
+        for &id in dots {
+            match bundle.sight(&self.scene.dots()[id]) {
+                Sight::Beside => {}
+                // Only the rays can tell whether the picture hides the dot.
+                Sight::Within if !picture => prospect.filled = true,
+                _ => prospect.dots.push(id),
+            }
+        }
+    }
+
+    /// The radiance that all rays bring back, if it is the same for all.
+    fn uniform_e(&self, prospect: &Prospect) -> Option<f64> {
+        match prospect {
+            Prospect { filled: true, .. } => Some(self.scene.brightness_e),
+            Prospect { picture: false, dots, .. } if dots.is_empty() => Some(self.scene.background_e),
+            _ => None,
+        }
+    }
+
+    /// Traces the rays from the centre of a pixel.
+    fn trace(&self, bundle: &Bundle<'_>, samples: &SampleSet, workspace: &mut Workspace) {
+        let Workspace { image_x_mm, image_y_mm, rays, ledger, .. } = workspace;
+        let ImagePoint { x_mm, y_mm } = bundle.centre;
+        for (buffer, value) in [(&mut *image_x_mm, x_mm), (&mut *image_y_mm, y_mm)] {
+            buffer.clear();
+            buffer.resize(self.pupil_samples, value);
+        }
+        let starts = RayStarts { image_x_mm, image_y_mm, pupil_x: &samples.pupil_x, pupil_y: &samples.pupil_y };
+        bundle.optics.trace(starts, rays, ledger);
+    }
+
+    /// Mean of what the traced rays bring back from the pixel's prospect.
+    fn sampled_e(&self, band: usize, samples: &SampleSet, workspace: &mut Workspace) -> f64 {
+        let Workspace { pixel, rays, coverage, .. } = workspace;
+        let discs = &self.bands[band].discs;
+        let (ground_e, feature_e) = (self.scene.background_e, self.scene.brightness_e);
+        let total_e = match self.scene.texture().filter(|_| pixel.picture) {
+            None => {
+                coverage.clear();
+                coverage.resize(rays.len(), 0.0);
+                pixel.dots.iter().for_each(|&id| discs[id].add_coverage(rays, coverage));
+                sum(rays, |ray| ground_e + (feature_e - ground_e) * coverage[ray].min(1.0))
+            }
+            Some(texture) => sum(rays, |ray| {
+                let (x_mm, y_mm) = (rays.x_mm[ray], rays.y_mm[ray]);
+                let slope = [rays.slope_x[ray], rays.slope_y[ray]];
+                let picture = self.picture_behind(band, texture, [x_mm, y_mm], slope, samples, ray);
+                let dots = pixel.dots.iter().map(|&id| discs[id].coverage(x_mm, y_mm, slope[0], slope[1]));
+                // The picture hides what lies behind it.
+                let covered: f64 = dots.filter(|(_, z_mm)| *z_mm < picture.z_mm).map(|(coverage, _)| coverage).sum();
+                let behind_e = ground_e + (feature_e - ground_e) * picture.value;
+                behind_e + (feature_e - behind_e) * covered.min(1.0)
+            }),
+        };
+        total_e / self.pupil_samples as f64
+    }
+
+    /// What a ray sees of the picture at its own place in the pixel.
+    fn picture_behind(
+        &self,
+        band: usize,
+        texture: &Texture,
+        position_mm: [f64; 2],
+        slope: [f64; 2],
+        samples: &SampleSet,
+        ray: usize,
+    ) -> PictureHit {
+        let pose = texture.pose();
+        let [a, b] = pose.slope;
+        let rise_mm = a * position_mm[0] + b * position_mm[1];
+        let z_mm = (pose.distance_mm + rise_mm) / (1.0 - a * slope[0] - b * slope[1]);
+        let shadow_mm = shadow_mm(&self.bands[band].projection, self.sensor.pitch_mm, z_mm);
+        let x_mm = position_mm[0] + slope[0] * z_mm + shadow_mm * samples.offset_u_px[ray];
+        let y_mm = position_mm[1] + slope[1] * z_mm + shadow_mm * samples.offset_v_px[ray];
+        match texture.at(x_mm, y_mm) {
+            Some(value) => PictureHit { value, z_mm },
+            None => PictureHit { value: 0.0, z_mm: f64::INFINITY },
+        }
+    }
+}
+
+/// Where a ray meets the picture and what is there; infinitely far away and black beside it.
+struct PictureHit {
+    value: f64,
+    z_mm: f64,
+}
+
+/// Width of a pixel's shadow at distance z, seen from one pupil point, mm.
+fn shadow_mm(projection: &Projection, pitch_mm: f64, z_mm: f64) -> f64 {
+    // `max` also catches the NaN of a pupil through which no single chief ray passes.
+    pitch_mm / projection.magnification(z_mm).abs().max(MAGNIFICATION_MIN)
+}
+
+/// Whether some ray of the bundle may meet the picture.
+fn may_meet(bundle: &Bundle<'_>, texture: &Texture) -> bool {
+    let (low_mm, high_mm) = bundle.rectangle_mm(texture.nearest_mm(), texture.farthest_mm());
+    let half_mm = texture.half_extent_mm();
+    (0..2).all(|axis| low_mm[axis] <= half_mm[axis] && high_mm[axis] >= -half_mm[axis])
+}
+
+/// Sum over the rays that arrived of weight × value.
+fn sum(rays: &ObjectRays, value: impl Fn(usize) -> f64) -> f64 {
+    // Positions of lost rays mean nothing and may be NaN, so they are not multiplied by their weight of zero.
+    rays.weight.iter().enumerate().map(|(ray, &weight)| if weight > 0.0 { weight * value(ray) } else { 0.0 }).sum()
+}
+
+/// Counts steps and reports the share that is done, 0 to 1.
+pub(crate) struct Progress<'a> {
+    done: AtomicUsize,
+    steps: usize,
+    report: &'a (dyn Fn(f64) + Sync),
+}
+
+impl<'a> Progress<'a> {
+    pub(crate) fn new(steps: usize, report: &'a (dyn Fn(f64) + Sync)) -> Self {
+        Self { done: AtomicUsize::new(0), steps, report }
+    }
+
+    pub(crate) fn step(&self) {
+        let done = 1 + self.done.fetch_add(1, Ordering::Relaxed);
+        (self.report)(done as f64 / self.steps as f64);
+    }
+}

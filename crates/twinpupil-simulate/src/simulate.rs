@@ -1,0 +1,183 @@
+//! Instrument and scene give a frame.
+
+use rayon::prelude::*;
+use thiserror::Error;
+use twinpupil_instrument::check::ValueError;
+use twinpupil_instrument::{Frame, FrameError, Instrument, ResponseMatrix};
+use twinpupil_optics::{Camera, OpticsError, RayLedger};
+
+use crate::render::{Progress, Renderer, WantedCell};
+use crate::sampling::PUPIL_SAMPLES_MAX;
+use crate::scene::Scene;
+use crate::sensor::{expected_codes, noisy_codes};
+
+/// The most pixels that a frame may have.
+const PIXELS_MAX: usize = 1 << 27;
+
+/// How a frame is simulated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SimulateOptions {
+    /// Rays over the pupil for every pixel and band that needs them, 1 to 65536. Powers of two are spread best.
+    pub pupil_samples: usize,
+    /// Whether pixels hold the rounded expected value instead of a random one.
+    pub noiseless: bool,
+    /// Seed of the sensor's noise; the scene's if left out.
+    pub seed: Option<u64>,
+}
+
+impl Default for SimulateOptions {
+    fn default() -> Self {
+        Self { pupil_samples: 256, noiseless: false, seed: None }
+    }
+}
+
+/// Why a frame cannot be simulated.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum SimulateError {
+    /// An instrument that cannot be traced.
+    #[error(transparent)]
+    Optics(#[from] OpticsError),
+    /// A value outside its range.
+    #[error(transparent)]
+    Value(#[from] ValueError),
+    /// A scene with an image plate whose picture was not handed over.
+    #[error("`plate.image` is {path}, but the scene has been given no picture")]
+    NoPicture {
+        /// The path that the scene file states.
+        path: String,
+    },
+    /// The codes are not a frame.
+    #[error(transparent)]
+    Frame(#[from] FrameError),
+}
+
+/// The electrons that a frame's pixels would hold on average.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Expectation {
+    /// The pages of the frame, each row by row, in electrons, not limited by the full well.
+    pub pages: Vec<Vec<f64>>,
+    /// What became of the rays.
+    pub ledger: RayLedger,
+}
+
+/// A simulated frame.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Simulation {
+    /// The codes that the camera delivers.
+    pub frame: Frame,
+    /// What became of the rays.
+    pub ledger: RayLedger,
+}
+
+/// Simulates one exposure: the expected electrons of every pixel, then the sensor's noise and codes.
+///
+/// `progress` is told the share that is done, 0 to 1, from several threads at once.
+pub fn simulate(
+    instrument: &Instrument,
+    scene: &Scene,
+    response: &ResponseMatrix,
+    options: &SimulateOptions,
+    progress: &(dyn Fn(f64) + Sync),
+) -> Result<Simulation, SimulateError> {
+    let Expectation { pages, ledger } =
+        expected_electrons(instrument, scene, response, options.pupil_samples, progress)?;
+    let sensor = &instrument.sensor;
+    let seed = options.seed.unwrap_or(scene.seed);
+    let codes = |(page, electrons): (usize, &Vec<f64>)| match options.noiseless {
+        true => expected_codes(sensor, electrons),
+        false => noisy_codes(sensor, electrons, page, seed),
+    };
+    let codes = pages.iter().enumerate().map(codes).collect();
+    let [width_px, height_px] = sensor.size_px;
+    Ok(Simulation { frame: Frame::new(width_px, height_px, sensor.code_max(), codes)?, ledger })
+}
+
+/// The mean over pupil and pixel of the radiance that every pixel sees, times the response of its plane.
+///
+/// ```text
+/// E = Σ_band M[plane][band] · mean over rays of weight × radiance
+/// ```
+///
+/// `pupil_samples` is the number of rays for every pixel and band, 1 to 65536; rays are only traced where their
+/// outcome is open. `progress` is told the share that is done, 0 to 1, from several threads at once.
+pub fn expected_electrons(
+    instrument: &Instrument,
+    scene: &Scene,
+    response: &ResponseMatrix,
+    pupil_samples: usize,
+    progress: &(dyn Fn(f64) + Sync),
+) -> Result<Expectation, SimulateError> {
+    check(instrument, scene, pupil_samples)?;
+    let mixing = Mixing::new(instrument, response)?;
+    let camera = Camera::new(instrument)?;
+    let renderer = Renderer::new(instrument, &camera, scene, pupil_samples);
+    let bands = instrument.bands.len();
+    let progress = Progress::new(bands * renderer.tile_rows(), progress);
+    let mut ledger = RayLedger::default();
+    let mut band_electrons = Vec::with_capacity(bands);
+    for band in 0..bands {
+        let (electrons, band_ledger) = renderer.band_electrons(band, mixing.wanted(band), &|| progress.step());
+        ledger.merge(&band_ledger);
+        band_electrons.push(electrons);
+    }
+    let width_px = instrument.sensor.size_px[0];
+    Ok(Expectation { pages: mixing.pages(&band_electrons, width_px), ledger })
+}
+
+fn check(instrument: &Instrument, scene: &Scene, pupil_samples: usize) -> Result<(), SimulateError> {
+    if !(1..=PUPIL_SAMPLES_MAX).contains(&pupil_samples) {
+        return Err(ValueError::new("pupil samples", pupil_samples, format!("1 to {PUPIL_SAMPLES_MAX}")).into());
+    }
+    let [width_px, height_px] = instrument.sensor.size_px;
+    if width_px.saturating_mul(height_px) > PIXELS_MAX {
+        let value = format!("[{width_px}, {height_px}]");
+        return Err(ValueError::new("sensor.size_px", value, format!("up to {PIXELS_MAX} pixels to simulate")).into());
+    }
+    match scene.picture_path() {
+        Some(path) if scene.texture().is_none() => Err(SimulateError::NoPicture { path: path.to_owned() }),
+        _ => Ok(()),
+    }
+}
+
+/// How strongly the pixels of every page respond to every band.
+struct Mixing {
+    /// Page by page, the responses of the four pixels of a 2×2 cell, row by row, to the bands.
+    pages: Vec<[[Vec<f64>; 2]; 2]>,
+}
+
+impl Mixing {
+    fn new(instrument: &Instrument, response: &ResponseMatrix) -> Result<Self, ValueError> {
+        let bands = instrument.bands.len();
+        let of_pixel = |page: usize, column: usize, row: usize| {
+            response.of_plane(&instrument.sensor.mosaic.plane_of(page, column, row))
+        };
+        let cell = |page: usize| [0, 1].map(|row| [0, 1].map(|column| of_pixel(page, column, row)));
+        let pages: Vec<_> = (0..instrument.pages()).map(cell).collect();
+        match pages.iter().flatten().flatten().find(|responses| responses.len() != bands) {
+            Some(odd) => Err(ValueError::new("bands of the response matrix", odd.len(), bands.to_string())),
+            None => Ok(Self { pages }),
+        }
+    }
+
+    /// The pixels of a 2×2 cell that respond to a band in at least one page.
+    fn wanted(&self, band: usize) -> WantedCell {
+        [0, 1].map(|row| [0, 1].map(|column| self.pages.iter().any(|cell| cell[row][column][band] != 0.0)))
+    }
+
+    /// The electrons of every page from those of every band.
+    fn pages(&self, band_electrons: &[Vec<f64>], width_px: usize) -> Vec<Vec<f64>> {
+        let pixels = band_electrons.first().map_or(0, Vec::len);
+        let page = |cell: &[[Vec<f64>; 2]; 2]| {
+            let mut electrons = vec![0.0; pixels];
+            electrons.par_chunks_mut(width_px).enumerate().for_each(|(row, row_electrons)| {
+                let first = row * width_px;
+                for (column, pixel) in row_electrons.iter_mut().enumerate() {
+                    let responses = cell[row % 2][column % 2].iter();
+                    *pixel = responses.zip(band_electrons).map(|(r, electrons)| r * electrons[first + column]).sum();
+                }
+            });
+            electrons
+        };
+        self.pages.iter().map(page).collect()
+    }
+}
