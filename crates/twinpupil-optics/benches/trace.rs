@@ -1,10 +1,10 @@
-//! Time a ray takes through the camera.
+//! Time a ray takes through the camera, and time the response of the optics takes.
 
 use std::hint::black_box;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use twinpupil_instrument::paper;
-use twinpupil_optics::{Camera, ObjectRays, RayLedger, RayStarts};
+use twinpupil_instrument::{Instrument, paper};
+use twinpupil_optics::{Camera, ObjectRays, RayLedger, RayStarts, response_table_for};
 
 /// Rays of one call: 16 pixels with 256 pupil points each.
 const RAYS: usize = 4096;
@@ -19,18 +19,32 @@ fn trace(criterion: &mut Criterion) {
     let starts = RayStarts { image_x_mm: &image_x_mm, image_y_mm: &image_y_mm, pupil_x: &pupil_x, pupil_y: &pupil_y };
     let mut group = criterion.benchmark_group("trace");
     group.throughput(Throughput::Elements(RAYS as u64));
-    let camera = Camera::new(&paper::instrument()).expect("the paper's camera");
-    for band in camera.bands() {
-        let (mut rays, mut ledger) = (ObjectRays::default(), RayLedger::default());
-        group.bench_function(format!("thin {}", band.name()), |bencher| {
-            bencher.iter(|| {
-                band.trace(black_box(starts), &mut rays, &mut ledger);
-                black_box(&rays);
+    let fresnel = paper::INSTRUMENT_TOML.replacen("model = \"thin\"", "model = \"fresnel\"", 1);
+    let fresnel = Instrument::from_toml(&fresnel).expect("the paper's camera with its real lens");
+    for (model, instrument) in [("thin", paper::instrument()), ("fresnel", fresnel)] {
+        let camera = Camera::new(&instrument).expect("the paper's camera");
+        for band in camera.bands() {
+            let (mut rays, mut ledger) = (ObjectRays::default(), RayLedger::default());
+            group.bench_function(format!("{model} {}", band.name()), |bencher| {
+                bencher.iter(|| {
+                    band.trace(black_box(starts), &mut rays, &mut ledger);
+                    black_box(&rays);
+                });
             });
-        });
+        }
     }
     group.finish();
 }
 
-criterion_group!(benches, trace);
+fn response(criterion: &mut Criterion) {
+    let instrument = paper::instrument();
+    let optics = Camera::new(&instrument).expect("the paper's camera");
+    let band = &optics.bands()[0];
+    criterion
+        .bench_function("point image thin", |bencher| bencher.iter(|| band.point_image(black_box([2.0, 0.0, 320.0]))));
+    criterion
+        .bench_function("response table thin", |bencher| bencher.iter(|| response_table_for(black_box(&instrument))));
+}
+
+criterion_group!(benches, trace, response);
 criterion_main!(benches);

@@ -3,10 +3,11 @@
 use thiserror::Error;
 use twinpupil_instrument::{Band, ImagePoint, Instrument, Lens, Projection};
 
+use crate::fresnel::FresnelBand;
 use crate::masks::Masks;
 use crate::stop::Stop;
 use crate::thin::ThinBand;
-use crate::{Footprint, ObjectRays, PointImage, RayLedger, RayStarts};
+use crate::{CardinalPoints, Footprint, ObjectRays, PointImage, RayLedger, RayStarts};
 
 /// Why an instrument cannot be traced.
 #[derive(Debug, Clone, PartialEq, Error)]
@@ -24,11 +25,47 @@ pub enum OpticsError {
         /// Where that stands, mm.
         position_mm: f64,
     },
-    /// A lens model that is not traced.
-    #[error("`lens.model` is {model}; legal: thin")]
-    Unsupported {
-        /// The model.
-        model: &'static str,
+    /// A material without a dispersion formula.
+    #[error("`lens.material` is {material}; legal: {legal}")]
+    UnknownMaterial {
+        /// What was asked for.
+        material: String,
+        /// What there is.
+        legal: String,
+    },
+    /// A wavelength at which a dispersion formula means nothing.
+    #[error(
+        "a wavelength of {wavelength_nm} nm is outside the dispersion formula of {material}; \
+         legal: {min_nm} to {max_nm} nm"
+    )]
+    Wavelength {
+        /// Of a band or of the lens's design, nm.
+        wavelength_nm: f64,
+        /// The material.
+        material: &'static str,
+        /// Shortest legal wavelength, nm.
+        min_nm: f64,
+        /// Longest legal wavelength, nm.
+        max_nm: f64,
+    },
+    /// A groove that would cut through the lens.
+    #[error(
+        "`lens.thickness_mm` is {thickness_mm}, but the groove {radius_mm} mm from the axis is deeper; \
+         legal: a thicker or smaller lens, a longer focal length or a finer pitch"
+    )]
+    GrooveTooDeep {
+        /// Outer radius of the groove, mm.
+        radius_mm: f64,
+        /// Thickness of the lens, mm.
+        thickness_mm: f64,
+    },
+    /// More grooves than are sensible.
+    #[error("`lens.groove_pitch_mm` is {groove_pitch_mm}, which makes {count} grooves; legal: at most 200000")]
+    TooManyGrooves {
+        /// The pitch, mm.
+        groove_pitch_mm: f64,
+        /// How many grooves it makes.
+        count: f64,
     },
 }
 
@@ -65,6 +102,7 @@ pub struct BandOptics {
 #[derive(Debug, Clone)]
 enum Model {
     Thin(ThinBand),
+    Fresnel(Box<FresnelBand>),
 }
 
 impl BandOptics {
@@ -72,7 +110,7 @@ impl BandOptics {
         let projection = instrument.projection(band);
         let stops = instrument.apertures.iter().enumerate().map(|(i, mask)| Stop::new(i, mask, &band.name)).collect();
         let masks = Masks {
-            focal_length_mm: projection.focal_length_mm,
+            focal_length_mm: focal_length_mm(&instrument.lens, band)?,
             sensor_distance_mm: projection.sensor_distance_mm,
             stops,
             pupil: instrument.pupil_index(band),
@@ -87,7 +125,7 @@ impl BandOptics {
         }
         let model = match &instrument.lens {
             Lens::Thin(_) => Model::Thin(ThinBand::new(&masks)),
-            Lens::Fresnel(_) => return Err(OpticsError::Unsupported { model: "fresnel" }),
+            Lens::Fresnel(lens) => Model::Fresnel(Box::new(FresnelBand::new(lens, band.wavelength_nm, &masks)?)),
         };
         Ok(Self { name: band.name.clone(), projection, masks, model })
     }
@@ -114,6 +152,7 @@ impl BandOptics {
     pub fn trace(&self, starts: RayStarts<'_>, rays: &mut ObjectRays, ledger: &mut RayLedger) {
         match &self.model {
             Model::Thin(band) => band.trace(starts, rays, ledger),
+            Model::Fresnel(band) => band.trace(starts, rays, ledger),
         }
     }
 
@@ -121,6 +160,7 @@ impl BandOptics {
     pub fn footprint(&self, centre: ImagePoint, radius_mm: f64, z_mm: f64) -> Footprint {
         match &self.model {
             Model::Thin(band) => band.footprint(centre, radius_mm, z_mm),
+            Model::Fresnel(band) => band.footprint(centre, radius_mm, z_mm),
         }
     }
 
@@ -130,13 +170,16 @@ impl BandOptics {
     pub fn is_unclipped(&self, centre: ImagePoint, radius_mm: f64) -> bool {
         match &self.model {
             Model::Thin(band) => band.is_unclipped(centre, radius_mm),
+            Model::Fresnel(_) => false,
         }
     }
 
-    /// What becomes of the light of an object point (x, y, z) in mm, z > 0: exact for a thin lens.
+    /// What becomes of the light of an object point (x, y, z) in mm, z > 0: exact for a thin lens, an average
+    /// over some 200 rays for a Fresnel lens.
     pub fn point_image(&self, object_mm: [f64; 3]) -> PointImage {
         match &self.model {
             Model::Thin(_) => self.masks.point_image(object_mm),
+            Model::Fresnel(band) => band.point_image(object_mm),
         }
     }
 
@@ -150,6 +193,14 @@ impl BandOptics {
     /// axis, infinite if none does anywhere. To first order, along +x.
     pub fn blind_radius_mm(&self, z_mm: f64) -> f64 {
         self.masks.blind_radius_mm(z_mm)
+    }
+}
+
+/// Focal length of a lens in a band, mm.
+fn focal_length_mm(lens: &Lens, band: &Band) -> Result<f64, OpticsError> {
+    match lens {
+        Lens::Thin(lens) => Ok(lens.focal_length_mm(&band.name)),
+        Lens::Fresnel(lens) => Ok(CardinalPoints::of_fresnel(lens, band.wavelength_nm)?.focal_length_mm),
     }
 }
 

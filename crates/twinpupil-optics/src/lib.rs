@@ -15,18 +15,28 @@
 //! [`ImagePoint`]: twinpupil_instrument::ImagePoint
 
 mod camera;
+mod conic;
+mod fresnel;
+mod glass;
+mod grooves;
 mod ledger;
+mod line;
 mod linear;
 mod masks;
+mod paraxial;
+mod plate;
 mod point_image;
 mod rays;
+mod refraction;
 mod region;
 mod response;
 mod stop;
 mod thin;
 
 pub use camera::{BandOptics, Camera, OpticsError};
+pub use glass::Glass;
 pub use ledger::{RayFate, RayLedger};
+pub use paraxial::{CardinalPoints, ParaxialSurface};
 pub use point_image::PointImage;
 pub use rays::{Footprint, ObjectRays, RayStarts};
 pub use response::{response_grids, response_table, response_table_for};

@@ -2,6 +2,7 @@
 
 use twinpupil_instrument::{Annulus, Aperture};
 
+use crate::RayFate;
 use crate::linear::Disc;
 
 /// The rings of an aperture that pass a band.
@@ -32,11 +33,20 @@ impl Stop {
         squares.sum::<f64>() / (radius_mm * radius_mm)
     }
 
-    /// Whether a ray at this position in the aperture's plane passes.
-    pub(crate) fn passes(&self, position_mm: [f64; 2]) -> bool {
+    /// Whether it passes one whole disc about its centre, and nothing else.
+    pub(crate) fn is_full(&self) -> bool {
+        self.rings.len() == 1 && self.rings[0].inner_mm == 0.0
+    }
+
+    /// Stops a ray at this position in the aperture's plane, or lets it pass.
+    pub(crate) fn check(&self, position_mm: [f64; 2]) -> Result<(), RayFate> {
         let (x, y) = (position_mm[0] - self.centre_mm[0], position_mm[1] - self.centre_mm[1]);
         let square = x * x + y * y;
-        self.rings.iter().any(|ring| holds(ring, square))
+        if self.rings.iter().any(|ring| holds(ring, square)) {
+            Ok(())
+        } else {
+            Err(RayFate::Blocked { aperture: self.aperture })
+        }
     }
 
     /// Whether a whole disc in the aperture's plane passes, short of rounding.

@@ -53,11 +53,10 @@ impl ThinBand {
             }
             at_lens.scaled(masks.sensor_pencil(stop.position_mm)).plus_image(-stop.position_mm / l).plus(centre)
         };
-        let full_pupil = pupil.rings.len() == 1 && pupil.rings[0].inner_mm == 0.0;
         let mut stops: Vec<_> = masks
             .stops
             .iter()
-            .filter(|stop| !(stop.is_open() || full_pupil && std::ptr::eq(*stop, pupil)))
+            .filter(|stop| !(stop.is_open() || pupil.is_full() && std::ptr::eq(*stop, pupil)))
             .map(|stop| (stop.clone(), from_centre(stop)))
             .collect();
         stops.sort_by(|(a, _), (b, _)| b.position_mm.total_cmp(&a.position_mm));
@@ -98,8 +97,13 @@ impl ThinBand {
         ledger.arrived += alive;
     }
 
+    /// Position at distance z in object space, mm.
+    pub(crate) fn object_map(&self, z_mm: f64) -> Linear {
+        self.lens.plus(self.slope.scaled(z_mm))
+    }
+
     pub(crate) fn footprint(&self, centre: ImagePoint, radius_mm: f64, z_mm: f64) -> Footprint {
-        let Disc { centre: [x_mm, y_mm], radius } = self.lens.plus(self.slope.scaled(z_mm)).over(centre, radius_mm);
+        let Disc { centre: [x_mm, y_mm], radius } = self.object_map(z_mm).over(centre, radius_mm);
         // Rounding must not let a ray escape.
         let slack_mm = 1e-12 * (x_mm.abs() + y_mm.abs() + radius);
         Footprint { x_mm, y_mm, radius_mm: radius + slack_mm }

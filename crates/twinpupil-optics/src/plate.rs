@@ -1,0 +1,242 @@
+//! A ray through a Fresnel lens, facet by facet, in depths below the groove peaks.
+
+use twinpupil_instrument::FresnelLens;
+
+use crate::grooves::{Groove, grooves};
+use crate::line::{Heading, Line};
+use crate::refraction::{refract, unit};
+use crate::{OpticsError, RayFate};
+
+/// A Fresnel lens as a plate: grooves on one face, the other flat.
+#[derive(Debug, Clone)]
+pub(crate) struct Plate {
+    grooves: Vec<Groove>,
+    pitch_mm: f64,
+    tan_draft: f64,
+    thickness_mm: f64,
+    half_size_mm: [f64; 2],
+    /// Refractive index in the band.
+    index: f64,
+}
+
+/// The flat face's normal.
+const ALONG_AXIS: [f64; 3] = [0.0, 0.0, 1.0];
+
+impl Plate {
+    pub(crate) fn new(lens: &FresnelLens, index: f64) -> Result<Self, OpticsError> {
+        Ok(Self {
+            grooves: grooves(lens)?,
+            pitch_mm: lens.groove_pitch_mm,
+            tan_draft: lens.draft_deg.to_radians().tan(),
+            thickness_mm: lens.thickness_mm,
+            half_size_mm: lens.size_mm.map(|size_mm| 0.5 * size_mm),
+            index,
+        })
+    }
+
+    /// In through the flat face, out through a facet.
+    pub(crate) fn from_flat(&self, outside: &Line) -> Result<Line, RayFate> {
+        let entry = self.on_lens(outside, self.thickness_mm)?;
+        let direction = refract(outside.direction(Heading::Up), ALONG_AXIS, 1.0 / self.index);
+        let inside = direction
+            .and_then(|direction| Line::through(entry, direction, Heading::Up))
+            .ok_or(RayFate::TotalInternalReflection)?;
+        let (k, depth_mm) = self.facet_from_within(&inside)?;
+        let exit = self.on_lens(&inside, depth_mm)?;
+        let normal = unit(self.grooves[k].facet.normal(exit));
+        let direction =
+            refract(inside.direction(Heading::Up), normal, self.index).ok_or(RayFate::TotalInternalReflection)?;
+        let out = Line::through(exit, direction, Heading::Up).ok_or(RayFate::GrooveWall)?;
+        // The riser of the next groove stands up to the peaks: within it is within its cone.
+        if out.radius_mm(0.0) >= self.peak_mm(k + 1) { Err(RayFate::GrooveWall) } else { Ok(out) }
+    }
+
+    /// In through a facet, out through the flat face.
+    pub(crate) fn from_grooves(&self, outside: &Line) -> Result<Line, RayFate> {
+        self.on_lens(outside, 0.0)?;
+        let (k, depth_mm) = self.facet_from_without(outside)?;
+        let entry = self.on_lens(outside, depth_mm)?;
+        let normal = unit(self.grooves[k].facet.normal(entry));
+        let direction = refract(outside.direction(Heading::Down), normal, 1.0 / self.index);
+        let inside = direction
+            .and_then(|direction| Line::through(entry, direction, Heading::Down))
+            .ok_or(RayFate::GrooveWall)?;
+        // Heading inwards, it must pass below the foot of its own groove's riser.
+        if k > 0 && depth_mm < self.grooves[k - 1].depth_mm && self.before_riser(&inside, k) {
+            return Err(RayFate::GrooveWall);
+        }
+        let exit = self.on_lens(&inside, self.thickness_mm)?;
+        refract(inside.direction(Heading::Down), ALONG_AXIS, self.index)
+            .and_then(|direction| Line::through(exit, direction, Heading::Down))
+            .ok_or(RayFate::TotalInternalReflection)
+    }
+
+    /// Facet and depth at which a line from outside first meets the grooves: always in the groove above which it
+    /// comes in, for facets fall outwards from the peaks.
+    fn facet_from_without(&self, line: &Line) -> Result<(usize, f64), RayFate> {
+        let k = self.groove_at(line.radius_mm(0.0));
+        let groove = self.grooves.get(k).ok_or(RayFate::MissedLens)?;
+        match groove.facet.meets(line) {
+            Some(depth_mm) if line.radius_mm(depth_mm) <= groove.valley_mm => Ok((k, depth_mm)),
+            _ => Err(RayFate::GrooveWall),
+        }
+    }
+
+    /// Facet and depth at which a line from the glass first meets the grooves, walking from groove to groove.
+    fn facet_from_within(&self, line: &Line) -> Result<(usize, f64), RayFate> {
+        let leaves_mm = line.radius_mm(0.0);
+        let beyond = self.groove_at(leaves_mm) + 2;
+        let deepest_mm = self.grooves.get(beyond).or(self.grooves.last()).map_or(0.0, |groove| groove.depth_mm);
+        let comes_mm = line.radius_mm(deepest_mm);
+        let outwards = leaves_mm >= comes_mm;
+        let mut k = self.groove_at(comes_mm);
+        loop {
+            let groove = self.grooves.get(k).ok_or(RayFate::MissedLens)?;
+            if let Some(depth_mm) = groove.facet.meets(line) {
+                let r_mm = line.radius_mm(depth_mm);
+                if groove.peak_mm <= r_mm && r_mm <= groove.valley_mm {
+                    return Ok((k, depth_mm));
+                }
+            }
+            // Outwards it passes below the valley into the next groove; inwards the riser may stand in its way.
+            k = match k.checked_sub(1) {
+                _ if outwards && groove.peak_mm <= leaves_mm => k + 1,
+                Some(inner) if !outwards && self.before_riser(line, k) => inner,
+                _ => return Err(RayFate::GrooveWall),
+            };
+        }
+    }
+
+    /// Whether a line, at the depth of its foot, is inside the riser that comes down from peak k > 0.
+    fn before_riser(&self, line: &Line, k: usize) -> bool {
+        let foot_mm = self.grooves[k - 1].depth_mm;
+        line.radius_mm(foot_mm) < self.peak_mm(k) - self.tan_draft * foot_mm
+    }
+
+    fn groove_at(&self, r_mm: f64) -> usize {
+        (r_mm / self.pitch_mm) as usize
+    }
+
+    fn peak_mm(&self, k: usize) -> f64 {
+        k as f64 * self.pitch_mm
+    }
+
+    /// The point of a line at a depth, if it is within the lens.
+    fn on_lens(&self, line: &Line, depth_mm: f64) -> Result<[f64; 3], RayFate> {
+        let [x, y] = line.at(depth_mm);
+        let within = x.abs() <= self.half_size_mm[0] && y.abs() <= self.half_size_mm[1];
+        if within { Ok([x, y, depth_mm]) } else { Err(RayFate::MissedLens) }
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use proptest::prelude::*;
+    use twinpupil_instrument::GrooveSide;
+
+    use super::*;
+    use crate::{CardinalPoints, Glass};
+
+    pub(crate) fn lens(grooves: GrooveSide) -> FresnelLens {
+        FresnelLens {
+            focal_length_mm: 100.0,
+            design_wavelength_nm: 587.6,
+            material: "pmma".to_owned(),
+            thickness_mm: 2.0,
+            groove_pitch_mm: 0.25,
+            draft_deg: 3.0,
+            grooves,
+            size_mm: [77.0, 77.0],
+        }
+    }
+
+    fn plate(lens: &FresnelLens, wavelength_nm: f64) -> Plate {
+        Plate::new(lens, Glass::Pmma.index(wavelength_nm).unwrap()).unwrap()
+    }
+
+    /// Where a ray that comes parallel to the axis from the object crosses it, and its slope: x = slope · (t − t₀).
+    fn parallel_ray(lens: &FresnelLens, plate: &Plate, height_mm: f64) -> Result<(f64, f64), RayFate> {
+        let line = Line { at_peaks_mm: [height_mm, 0.0], slope: [0.0, 0.0] };
+        let n_d = Glass::Pmma.index(lens.design_wavelength_nm).unwrap();
+        // t of the groove peaks, and the sense of depth.
+        let (out, peaks_mm, sense) = match lens.grooves {
+            GrooveSide::Object => (plate.from_grooves(&line)?, lens.thickness_mm * (1.0 / n_d - 1.0), 1.0),
+            GrooveSide::Image => (plate.from_flat(&line)?, 0.0, -1.0),
+        };
+        let depth_on_axis_mm = -out.at_peaks_mm[0] / out.slope[0];
+        Ok((peaks_mm + sense * depth_on_axis_mm, sense * out.slope[0]))
+    }
+
+    #[test]
+    fn a_parallel_beam_meets_in_the_focal_point_at_the_design_wavelength() {
+        for (grooves, tolerance_mm) in [(GrooveSide::Image, 1e-9), (GrooveSide::Object, 0.03)] {
+            let lens = lens(grooves);
+            let plate = plate(&lens, 587.6);
+            for k in 1..100 {
+                let (focus_mm, _) = parallel_ray(&lens, &plate, 0.03 + 0.2 * f64::from(k)).unwrap();
+                assert!((focus_mm - 100.0).abs() < tolerance_mm, "{grooves:?} {k}: {focus_mm}");
+            }
+        }
+    }
+
+    #[test]
+    fn real_rays_have_the_paraxial_focal_length_in_the_limit() {
+        for grooves in [GrooveSide::Object, GrooveSide::Image] {
+            let lens = FresnelLens { groove_pitch_mm: 0.01, ..lens(grooves) };
+            for wavelength_nm in [400.0, 450.0, 587.6, 680.0, 1000.0] {
+                let plate = plate(&lens, wavelength_nm);
+                // Heights in the middle of a facet; the error is quadratic in the height.
+                let [near, far] = [0.505, 1.005].map(|height_mm| {
+                    let (_, slope) = parallel_ray(&lens, &plate, height_mm).unwrap();
+                    (height_mm * height_mm, -height_mm / slope)
+                });
+                let limit_mm = near.1 - near.0 * (far.1 - near.1) / (far.0 - near.0);
+                let paraxial_mm = CardinalPoints::of_fresnel(&lens, wavelength_nm).unwrap().focal_length_mm;
+                let lensmaker_mm = 100.0 * (Glass::Pmma.index(587.6).unwrap() - 1.0) / (plate.index - 1.0);
+                assert!((paraxial_mm / lensmaker_mm - 1.0).abs() < 1e-12);
+                assert!((limit_mm / lensmaker_mm - 1.0).abs() < 1e-6, "{wavelength_nm}: {limit_mm} {lensmaker_mm}");
+            }
+        }
+    }
+
+    #[test]
+    fn rays_beside_the_lens_miss_it_and_slanted_ones_meet_risers() {
+        let plate = plate(&lens(GrooveSide::Object), 587.6);
+        let line = |x_mm: f64, slope: f64| Line { at_peaks_mm: [x_mm, 0.0], slope: [slope, 0.0] };
+        assert_eq!(plate.from_flat(&line(38.6, 0.0)), Err(RayFate::MissedLens));
+        assert_eq!(plate.from_grooves(&line(38.6, 0.0)), Err(RayFate::MissedLens));
+        let walls = |slope: f64| {
+            let rays = (0..2500).map(|k| plate.from_grooves(&line(30.0 + 0.001 * f64::from(k), slope)));
+            rays.filter(|ray| *ray == Err(RayFate::GrooveWall)).count()
+        };
+        // Straight down, a ray is lost if in the glass, on its way to the focus n f deep, it falls short of the foot
+        // of the riser behind it: foot × 30/(n f) of every pitch.
+        let groove = plate.grooves[125];
+        let expected = 2500.0 * groove.depth_mm * (30.0 / (100.0 * plate.index)) / 0.25;
+        assert!((walls(0.0) as f64 - expected).abs() < 0.15 * expected, "{} {expected}", walls(0.0));
+        assert!(walls(0.5) > walls(0.0));
+    }
+
+    proptest! {
+        #[test]
+        fn light_goes_back_the_way_it_came(
+            x in -38.0..38.0_f64, y in -38.0..38.0_f64, gx in -0.4..0.4_f64, gy in -0.4..0.4_f64,
+            object in any::<bool>(), draft_deg in 0.0..10.0_f64,
+        ) {
+            let side = if object { GrooveSide::Object } else { GrooveSide::Image };
+            let plate = plate(&FresnelLens { draft_deg, ..lens(side) }, 450.0);
+            let line = Line { at_peaks_mm: [x, y], slope: [gx, gy] };
+            let both = [
+                plate.from_flat(&line).ok().map(|out| plate.from_grooves(&out)),
+                plate.from_grooves(&line).ok().map(|out| plate.from_flat(&out)),
+            ];
+            for back in both.into_iter().flatten() {
+                let back = back.expect("a ray that came through goes back");
+                for k in 0..2 {
+                    prop_assert!((back.at_peaks_mm[k] - line.at_peaks_mm[k]).abs() < 1e-9);
+                    prop_assert!((back.slope[k] - line.slope[k]).abs() < 1e-10);
+                }
+            }
+        }
+    }
+}

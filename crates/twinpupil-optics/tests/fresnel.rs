@@ -1,0 +1,165 @@
+//! The Fresnel lens as a camera: rays kept count of, first order in the limit, and the response of points.
+
+use proptest::prelude::*;
+use twinpupil_instrument::{GrooveSide, ImagePoint, Instrument, paper};
+use twinpupil_optics::{
+    BandOptics, Camera, CardinalPoints, ObjectRays, RayLedger, RayStarts, response_grids, response_table_for,
+};
+
+fn instrument(grooves: &str) -> Instrument {
+    let lens = format!("model = \"fresnel\"\ngrooves = \"{grooves}\"");
+    Instrument::from_toml(&paper::INSTRUMENT_TOML.replacen("model = \"thin\"", &lens, 1)).unwrap()
+}
+
+fn trace(optics: &BandOptics, image_mm: [f64; 2], pupil: &[[f64; 2]]) -> (ObjectRays, RayLedger) {
+    let (pupil_x, pupil_y): (Vec<f64>, Vec<f64>) = pupil.iter().map(|[x, y]| (*x, *y)).unzip();
+    let (image_x_mm, image_y_mm) = (vec![image_mm[0]; pupil.len()], vec![image_mm[1]; pupil.len()]);
+    let starts = RayStarts { image_x_mm: &image_x_mm, image_y_mm: &image_y_mm, pupil_x: &pupil_x, pupil_y: &pupil_y };
+    let (mut rays, mut ledger) = (ObjectRays::default(), RayLedger::default());
+    optics.trace(starts, &mut rays, &mut ledger);
+    (rays, ledger)
+}
+
+/// Uniform points of the unit disc.
+fn spiral(count: usize) -> Vec<[f64; 2]> {
+    let point = |k: usize| {
+        let radius = ((k as f64 + 0.5) / count as f64).sqrt();
+        let azimuth = 2.399_963_229_728_653 * k as f64;
+        [radius * azimuth.cos(), radius * azimuth.sin()]
+    };
+    (0..count).map(point).collect()
+}
+
+#[test]
+fn every_ray_has_one_fate() {
+    for grooves in ["object", "image"] {
+        for optics in Camera::new(&instrument(grooves)).unwrap().bands() {
+            let mut sum = RayLedger::default();
+            for k in 0..40_i32 {
+                let (rays, ledger) =
+                    trace(optics, [0.17 * f64::from(k) - 3.0, 0.11 * f64::from(k) - 2.2], &spiral(500));
+                let alive = rays.weight.iter().filter(|weight| **weight > 0.0).count();
+                assert_eq!(alive as u64, ledger.arrived);
+                sum.merge(&ledger);
+            }
+            assert_eq!((sum.launched, sum.total()), (20_000, 20_000));
+            assert!(sum.arrived > 15_000, "{sum:?}");
+        }
+    }
+}
+
+#[test]
+fn near_the_axis_the_camera_images_to_first_order_at_its_own_focal_length() {
+    for grooves in ["object", "image"] {
+        let instrument = instrument(grooves);
+        let camera = Camera::new(&instrument).unwrap();
+        let twinpupil_instrument::Lens::Fresnel(lens) = &instrument.lens else { panic!("a Fresnel lens") };
+        for (band, optics) in instrument.bands.iter().zip(camera.bands()) {
+            let focal_length_mm = CardinalPoints::of_fresnel(lens, band.wavelength_nm).unwrap().focal_length_mm;
+            let own = twinpupil_instrument::Projection { focal_length_mm, ..instrument.projection(band) };
+            // In the clear field; aberrations grow with the cube of the height.
+            let image = own.image([3.0, 0.0, 320.0]);
+            let (rays, _) = trace(optics, [image.x_mm, image.y_mm], &[[0.0, 0.0]]);
+            let x_mm = rays.x_mm[0] + 320.0 * rays.slope_x[0];
+            assert!((x_mm - 3.0).abs() < 0.01, "{grooves} {}: {x_mm}", band.name);
+        }
+    }
+}
+
+#[test]
+fn a_point_image_is_where_a_dense_bundle_says() {
+    // Monte Carlo over sensor and pupil against rays aimed at the point: a small disc stands in for the point.
+    let instrument = instrument("object");
+    for optics in Camera::new(&instrument).unwrap().bands() {
+        let object_mm = [2.6, 0.0, 330.0];
+        let expected = optics.point_image(object_mm);
+        let pupil = spiral(400);
+        let (mut light, mut moment) = (0.0, 0.0);
+        let (reach_mm, cells, spot_mm) = (0.45, 150, 0.05);
+        for k in 0..cells * cells {
+            let at = |i: i32| reach_mm * (2.0 * (f64::from(i) + 0.5) / f64::from(cells) - 1.0);
+            let image_mm = [expected.centroid.x_mm + at(k % cells), expected.centroid.y_mm + at(k / cells)];
+            let (rays, _) = trace(optics, image_mm, &pupil);
+            for j in 0..pupil.len() {
+                let x = rays.x_mm[j] + object_mm[2] * rays.slope_x[j] - object_mm[0];
+                if x.hypot(rays.y_mm[j] + object_mm[2] * rays.slope_y[j]) < spot_mm {
+                    light += rays.weight[j];
+                    moment += rays.weight[j] * image_mm[0];
+                }
+            }
+        }
+        let cell_mm2 = (2.0 * reach_mm / f64::from(cells)).powi(2);
+        let magnification = optics.projection().magnification(object_mm[2]);
+        let unclipped = std::f64::consts::PI * (spot_mm * magnification).powi(2) / cell_mm2 * pupil.len() as f64;
+        assert!((moment / light - expected.centroid.x_mm).abs() < 2e-3, "{} {expected:?}", moment / light);
+        assert!((light / unclipped - expected.throughput).abs() < 0.05, "{} {expected:?}", light / unclipped);
+    }
+}
+
+#[test]
+fn the_response_table_is_smooth_and_dims_towards_the_corner() {
+    let instrument = instrument("object");
+    let table = response_table_for(&instrument).unwrap();
+    assert_eq!((table.r_mm, table.z_mm), response_grids(&instrument));
+    for band in 0..2 {
+        let (near, far) = (table.at(band, 3.0, 300.0), table.at(band, 8.0, 300.0));
+        assert!(near.throughput > far.throughput && far.throughput > 0.8 && near.throughput < 1.02, "{near:?} {far:?}");
+        let steps = (30..80)
+            .map(|k| f64::from(k) * 0.1)
+            .map(|r| table.at(band, r + 0.1, 300.0).radial_deviation_mm - table.at(band, r, 300.0).radial_deviation_mm);
+        let steps: Vec<f64> = steps.collect();
+        let jump = steps.windows(2).map(|pair| (pair[1] - pair[0]).abs()).fold(0.0, f64::max);
+        assert!(jump < 1e-3, "{jump}");
+    }
+}
+
+#[test]
+fn what_cannot_be_traced_is_refused_with_one_sentence() {
+    let edited = |to: &str| {
+        let text = paper::INSTRUMENT_TOML.replacen("model = \"thin\"", &format!("model = \"fresnel\"\n{to}"), 1);
+        Camera::new(&Instrument::from_toml(&text).unwrap()).expect_err("must be refused").to_string()
+    };
+    assert_eq!(edited("material = \"glass\""), "`lens.material` is glass; legal: pmma");
+    assert!(edited("design_wavelength_nm = 300.0").contains("300 nm is outside"));
+    assert!(edited("thickness_mm = 0.01").contains("`lens.thickness_mm` is 0.01"));
+}
+
+proptest! {
+    #[test]
+    fn rays_stay_in_their_footprint(
+        object in any::<bool>(), band in 0..2_usize, x in -5.6..5.6_f64, y in -3.5..3.5_f64, radius in 0.0..0.5_f64,
+        rho in 0.0..1.0_f64, pupil_azimuth in 0.0..6.3_f64, sigma in 0.0..1.0_f64, azimuth in 0.0..6.3_f64,
+        z_mm in 220.0..400.0_f64,
+    ) {
+        let side = if object { GrooveSide::Object } else { GrooveSide::Image };
+        let camera = Camera::new(&instrument(if side == GrooveSide::Object { "object" } else { "image" })).unwrap();
+        let optics = &camera.bands()[band];
+        let centre = ImagePoint { x_mm: x, y_mm: y };
+        let image = [x + radius * sigma * azimuth.cos(), y + radius * sigma * azimuth.sin()];
+        let (rays, _) = trace(optics, image, &[[rho * pupil_azimuth.cos(), rho * pupil_azimuth.sin()]]);
+        let footprint = optics.footprint(centre, radius, z_mm);
+        let (dx, dy) = (
+            rays.x_mm[0] + z_mm * rays.slope_x[0] - footprint.x_mm,
+            rays.y_mm[0] + z_mm * rays.slope_y[0] - footprint.y_mm,
+        );
+        prop_assert!(rays.weight[0] == 0.0 || dx.hypot(dy) <= footprint.radius_mm);
+        prop_assert!(!optics.is_unclipped(centre, radius));
+    }
+
+    #[test]
+    fn turning_everything_about_the_axis_turns_the_ray(
+        band in 0..2_usize, x in -4.0..4.0_f64, y in -2.0..2.0_f64, u in -0.6..0.6_f64, v in -0.6..0.6_f64,
+        angle in 0.0..6.3_f64,
+    ) {
+        let camera = Camera::new(&instrument("object")).unwrap();
+        let (sin, cos) = angle.sin_cos();
+        let turn = |[x, y]: [f64; 2]| [cos * x - sin * y, sin * x + cos * y];
+        let optics = &camera.bands()[band];
+        let (straight, ledger) = trace(optics, [x, y], &[[u, v]]);
+        let (turned, _) = trace(optics, turn([x, y]), &[turn([u, v])]);
+        prop_assume!(ledger.arrived == 1);
+        let expected = turn([straight.x_mm[0], straight.y_mm[0]]);
+        prop_assert!((turned.x_mm[0] - expected[0]).abs() < 1e-9 && (turned.y_mm[0] - expected[1]).abs() < 1e-9);
+        prop_assert!((turned.weight[0] - straight.weight[0]).abs() < 1e-12);
+    }
+}
