@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use anyhow::{Context, Result};
 use clap::{Parser, Subcommand};
 
-use crate::commands::{instrument, simulate};
+use crate::commands::{detect, fit, instrument, reconstruct, scene, simulate};
 use crate::console::Console;
 
 /// Depth from one exposure: simulates, reads and designs cameras with two coaxial colour apertures.
@@ -31,8 +31,18 @@ enum Command {
     /// Print or explain an instrument file
     #[command(subcommand)]
     Instrument(instrument::Command),
+    /// Print a scene file
+    #[command(subcommand)]
+    Scene(scene::Command),
     /// Turn an instrument and a scene into the frame that the camera would deliver
     Simulate(simulate::Args),
+    /// Find the features of each band
+    Detect(detect::Args),
+    /// Turn frames into points in space
+    Reconstruct(reconstruct::Args),
+    /// Fit a line or a plane through points
+    #[command(subcommand)]
+    Fit(fit::Command),
 }
 
 /// Reads the arguments of the process, does what they say and returns its exit code.
@@ -62,7 +72,11 @@ fn run(cli: &Cli) -> Result<()> {
     let console = Console::new(cli.quiet);
     match &cli.command {
         Command::Instrument(command) => instrument::run(command),
+        Command::Scene(command) => scene::run(command),
         Command::Simulate(args) => simulate::run(args, &console),
+        Command::Detect(args) => detect::run(args, &console),
+        Command::Reconstruct(args) => reconstruct::run(args, &console),
+        Command::Fit(command) => fit::run(command),
     }
 }
 

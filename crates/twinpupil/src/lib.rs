@@ -7,5 +7,7 @@ pub mod commands;
 pub mod console;
 pub mod io;
 pub mod load;
+pub mod picture;
 pub mod plot;
+pub mod report;
 pub mod text_table;

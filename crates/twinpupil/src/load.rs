@@ -1,13 +1,15 @@
-//! Instruments and what they refer to, from the arguments of the command line.
+//! Instruments and scenes, and the files they refer to, from the arguments of the command line.
 
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use twinpupil_instrument::{Instrument, ResponseMatrix, SpectralTable, paper};
 
-use crate::io::input;
+use twinpupil_simulate::{Picture, Scene};
 
-/// The word that stands for the paper's instrument instead of a file.
+use crate::io::{input, page};
+
+/// The word that stands for the paper's instrument or scene instead of a file.
 pub const PAPER: &str = "paper";
 
 /// An instrument, and the folder from which the files it names are found.
@@ -46,6 +48,34 @@ impl LoadedInstrument {
         let path = self.folder.join(source);
         SpectralTable::from_csv(&input::read_text(&path)?).with_context(|| path.display().to_string())
     }
+}
+
+/// Distance and seed of the paper's plate behind the word `paper`; the experiment has it at 250 to 350 mm.
+const PAPER_PLATE_MM: f64 = 300.0;
+const PAPER_PLATE_SEED: u64 = 1;
+
+/// Reads a scene file with the picture it may name; the word `paper` is the random plate of the paper at 300 mm, `-`
+/// standard input.
+pub fn scene(argument: &Path) -> Result<Scene> {
+    if argument == Path::new(PAPER) {
+        return Ok(twinpupil_simulate::paper::random_plate(PAPER_PLATE_MM, PAPER_PLATE_SEED)?);
+    }
+    let text = input::read_text(argument)?;
+    let scene = Scene::from_toml(&text).with_context(|| argument.display().to_string())?;
+    let Some(picture) = scene.picture_path().map(|path| folder_of(argument).join(path)) else { return Ok(scene) };
+    let picture = read_picture(&picture)?;
+    scene.with_picture(picture).with_context(|| argument.display().to_string())
+}
+
+/// Reads a PNG or TIFF as grey values of 0 to 1; colours are averaged.
+fn read_picture(path: &Path) -> Result<Picture> {
+    let bytes = input::read_bytes(path)?;
+    let pages = page::decode(&bytes, None).with_context(|| path.display().to_string())?;
+    let page = &pages[0];
+    let white = page.channels as f32 * if page.bits == 8 { 255.0 } else { 65_535.0 };
+    let grey = |pixel: &[u16]| pixel.iter().map(|&sample| f32::from(sample)).sum::<f32>() / white;
+    let values = page.samples.chunks_exact(page.channels).map(grey).collect();
+    Ok(Picture::new(page.size_px[0], page.size_px[1], values)?)
 }
 
 /// The folder of a file: files that it names are relative to it.

@@ -7,7 +7,7 @@ use kuva::render::plots::Plot;
 use kuva::render::theme::Theme;
 
 /// Width and height of a plot in its own units; the page scales it.
-const SIZE: [f64; 2] = [640.0, 420.0];
+const SIZE: [f64; 2] = [540.0, 380.0];
 /// Radius of a marker.
 const MARKER: f64 = 3.5;
 
@@ -26,6 +26,8 @@ pub enum Colour {
     Purple,
     /// The ideal: readable on light and on dark.
     Grey,
+    /// What is drawn over pictures.
+    White,
 }
 
 impl Colour {
@@ -38,6 +40,7 @@ impl Colour {
             Self::Orange => "#e69f00",
             Self::Purple => "#cc79a7",
             Self::Grey => "#888888",
+            Self::White => "#ffffff",
         }
     }
 }

@@ -1,10 +1,11 @@
-//! What follows from an instrument at first order, as `instrument show` prints it.
+//! What follows from an instrument, as `instrument show` prints it.
 
 use std::fmt::Write;
 
 use anyhow::Result;
 use serde::Serialize;
-use twinpupil_instrument::{Instrument, Lens, Projection, ResponseMatrix, Role};
+use twinpupil_instrument::{Instrument, Lens, Mosaic, Projection, ResponseMatrix, ResponseTable, Role};
+use twinpupil_optics::response_table_for;
 
 use crate::load::LoadedInstrument;
 use crate::text_table;
@@ -13,6 +14,11 @@ use crate::text_table;
 const RADII_MM: [f64; 3] = [2.0, 5.0, 7.5];
 /// The most distances in the table over depth.
 const DISTANCES_MAX: f64 = 9.0;
+
+/// Share of a band's brightest object point below which a point counts as unseen.
+const BLIND_SHARE: f64 = 0.01;
+/// Share of a band's brightest object point from which on a point counts as unclipped.
+const UNCLIPPED_SHARE: f64 = 0.99;
 
 /// Derived figures of an instrument.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -47,6 +53,10 @@ struct DepthFigures {
     z_mm: f64,
     magnification: [f64; 2],
     blur_diameter_px: [f64; 2],
+    /// Closer to the axis than this, at least one band sees nothing; none where a band sees nothing at all.
+    blind_radius_mm: Option<f64>,
+    /// Closer to the axis than this, the masks clip each other's pupils in at least one band.
+    clipping_radius_mm: Option<f64>,
     /// Depth for one pixel between the two images of a point at each of `RADII_MM`.
     depth_per_pixel_mm: [f64; 3],
 }
@@ -64,13 +74,14 @@ impl Figures {
     pub fn of(loaded: &LoadedInstrument) -> Result<Self> {
         let instrument = &loaded.instrument;
         let sensor = &instrument.sensor;
+        let table = response_table_for(instrument)?;
         Ok(Self {
             name: instrument.name.clone(),
             lens: lens(instrument),
             focus_distance_mm: instrument.focus_distance_mm(),
             sensor_size_mm: sensor.size_px.map(|size| size as f64 * sensor.pitch_mm),
             bands: [Role::Telecentric, Role::Entocentric].map(|role| band(instrument, role)).into(),
-            depth: distances_mm(instrument).into_iter().map(|z_mm| depth(instrument, z_mm)).collect(),
+            depth: distances_mm(instrument).into_iter().map(|z_mm| depth(instrument, &table, z_mm)).collect(),
             response: response(instrument, &loaded.response_matrix()?),
         })
     }
@@ -106,15 +117,17 @@ impl Figures {
 
     fn depth_text(&self) -> String {
         let [first, second] = [0, 1].map(|i| self.bands.get(i).map_or("", |band| &band.name));
-        let magnification = [first, second].map(|name| format!("size {name}"));
+        let magnification = [first, second].map(|name| format!("mag. {name}"));
         let blur = [first, second].map(|name| format!("blur {name}, px"));
-        let per_pixel = RADII_MM.map(|r_mm| format!("mm/px at r {r_mm}"));
+        let per_pixel = RADII_MM.map(|r_mm| format!("mm/px r={r_mm}"));
         let header = [
             "z, mm",
             &magnification[0],
             &magnification[1],
             &blur[0],
             &blur[1],
+            "blind r, mm",
+            "clipped r, mm",
             &per_pixel[0],
             &per_pixel[1],
             &per_pixel[2],
@@ -123,7 +136,9 @@ impl Figures {
             let [m0, m1] = row.magnification.map(|magnification| format!("{magnification:.4}"));
             let [b0, b1] = row.blur_diameter_px.map(|blur_px| format!("{blur_px:.1}"));
             let [d0, d1, d2] = row.depth_per_pixel_mm.map(|depth_mm| format!("{depth_mm:.3}"));
-            [row.z_mm.to_string(), m0, m1, b0, b1, d0, d1, d2]
+            let [blind, clipped] = [row.blind_radius_mm, row.clipping_radius_mm]
+                .map(|radius_mm| radius_mm.map_or("all".to_owned(), |radius_mm| format!("{radius_mm:.2}")));
+            [row.z_mm.to_string(), m0, m1, b0, b1, blind, clipped, d0, d1, d2]
         };
         text_table::render(header, &self.depth.iter().map(row).collect::<Vec<_>>())
     }
@@ -176,15 +191,37 @@ fn field_of_view_mm(instrument: &Instrument, projection: &Projection, z_mm: f64)
     sensor.size_px.map(|size| size as f64 * sensor.pitch_mm / projection.magnification(z_mm).abs())
 }
 
-fn depth(instrument: &Instrument, z_mm: f64) -> DepthFigures {
+fn depth(instrument: &Instrument, table: &ResponseTable, z_mm: f64) -> DepthFigures {
     let projections = instrument.projections();
     let pitch_mm = instrument.sensor.pitch_mm;
     DepthFigures {
         z_mm,
         magnification: projections.map(|projection| projection.magnification(z_mm)),
         blur_diameter_px: projections.map(|projection| 2.0 * projection.blur_radius_mm(z_mm) / pitch_mm),
+        blind_radius_mm: radius_of_share_mm(table, z_mm, BLIND_SHARE),
+        clipping_radius_mm: radius_of_share_mm(table, z_mm, UNCLIPPED_SHARE),
         depth_per_pixel_mm: RADII_MM.map(|r_mm| pitch_mm / disparity_slope(&projections, z_mm) / r_mm),
     }
+}
+
+/// Radius from which on both bands see a point at `z_mm` with at least `share` of their brightest.
+fn radius_of_share_mm(table: &ResponseTable, z_mm: f64, share: f64) -> Option<f64> {
+    let radii_mm: Vec<f64> = (0..table.r_mm.count).map(|i| table.r_mm.node(i)).collect();
+    let reached_mm = |band: usize| {
+        let throughputs: Vec<f64> = radii_mm.iter().map(|&r_mm| table.at(band, r_mm, z_mm).throughput).collect();
+        let level = share * throughputs.iter().copied().fold(0.0, f64::max);
+        let first = throughputs.iter().position(|&throughput| throughput > 0.0 && throughput >= level)?;
+        Some(crossing_mm(&radii_mm, &throughputs, first, level))
+    };
+    let reached_mm = (0..table.bands.len()).map(reached_mm).collect::<Option<Vec<f64>>>()?;
+    reached_mm.into_iter().reduce(f64::max)
+}
+
+/// Where the throughput reaches `level` on its way to node `first`, linear between nodes.
+fn crossing_mm(radii_mm: &[f64], throughputs: &[f64], first: usize, level: f64) -> f64 {
+    let Some(before) = first.checked_sub(1) else { return 0.0 };
+    let fraction = (level - throughputs[before]) / (throughputs[first] - throughputs[before]);
+    radii_mm[before] + fraction * (radii_mm[first] - radii_mm[before])
 }
 
 /// How fast the distance between the two images of a point at r = 1 mm changes with depth, by a central difference.
@@ -214,7 +251,7 @@ fn round_step(step: f64) -> f64 {
 fn response(instrument: &Instrument, matrix: &ResponseMatrix) -> Vec<PlaneResponse> {
     let order = [Role::Telecentric, Role::Entocentric].map(|role| instrument.band_index(role));
     let planes: Vec<String> = match instrument.sensor.mosaic {
-        twinpupil_instrument::Mosaic::Mono => instrument.bands.iter().map(|band| band.plane.clone()).collect(),
+        Mosaic::Mono => instrument.bands.iter().map(|band| band.plane.clone()).collect(),
         _ => ["r", "g", "b"].map(str::to_owned).to_vec(),
     };
     let row = |plane: String| {
@@ -247,6 +284,10 @@ mod tests {
         // ∂z/∂r_B = −z/r_B with r_B = L r/z.
         let expected_mm = 300.0 / (151.0 * 2.0 / 300.0) * 0.00586;
         assert!((at_300.depth_per_pixel_mm[0] - expected_mm).abs() < 1e-6);
+        // The telecentric pencil is 0.5 · 300/100 mm wide on the lens, whose disc of 1 mm it must clear: r = 2.5. The
+        // entocentric one is blind while its image in the focal plane, r/3 ± 1/3 mm, lies within 0.5 mm: r = 0.5.
+        assert!((at_300.clipping_radius_mm.unwrap_or(0.0) - 2.5).abs() < 0.1, "{at_300:?}");
+        assert!((at_300.blind_radius_mm.unwrap_or(0.0) - 0.5).abs() < 0.15, "{at_300:?}");
         assert_eq!(figures.response.len(), 3);
         assert_eq!(figures.response[0].bands, [1.0, 0.0]);
     }

@@ -3,11 +3,11 @@
 use std::path::PathBuf;
 
 use anyhow::Result;
-use clap::{Args, Subcommand};
+use clap::Subcommand;
 use twinpupil_instrument::{Instrument, paper};
 
+use super::destination::{Destination, pretty};
 use super::figures::Figures;
-use crate::io::output;
 use crate::load::LoadedInstrument;
 
 /// `twinpupil instrument …`.
@@ -38,20 +38,6 @@ pub enum Command {
     Schema(Destination),
 }
 
-/// Where the text goes.
-#[derive(Debug, Args)]
-pub struct Destination {
-    /// File to write; standard output if left out
-    #[arg(short, long, value_name = "FILE")]
-    output: Option<PathBuf>,
-}
-
-impl Destination {
-    fn write(&self, text: String) -> Result<()> {
-        output::write(self.output.as_deref(), text.into_bytes())
-    }
-}
-
 /// Runs `twinpupil instrument`.
 pub fn run(command: &Command) -> Result<()> {
     match command {
@@ -63,8 +49,4 @@ pub fn run(command: &Command) -> Result<()> {
             to.write(if *json { pretty(&figures)? } else { figures.to_text() })
         }
     }
-}
-
-fn pretty(value: &impl serde::Serialize) -> Result<String> {
-    Ok(serde_json::to_string_pretty(value)? + "\n")
 }

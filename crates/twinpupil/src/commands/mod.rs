@@ -1,5 +1,11 @@
 //! The subcommands, one module each.
 
+pub mod destination;
+pub mod detect;
 pub mod figures;
+pub mod fit;
 pub mod instrument;
+pub mod options;
+pub mod reconstruct;
+pub mod scene;
 pub mod simulate;

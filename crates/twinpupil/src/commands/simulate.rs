@@ -1,14 +1,171 @@
 //! `twinpupil simulate`: instrument + scene → frame.
 
-use anyhow::Result;
+use std::path::PathBuf;
+use std::time::Instant;
 
+use anyhow::Result;
+use serde::Serialize;
+use twinpupil_instrument::Frame;
+use twinpupil_optics::RayLedger;
+use twinpupil_simulate::{PUPIL_SAMPLES_MAX, Scene, SimulateOptions, Simulation, simulate};
+
+use super::destination::pretty;
 use crate::console::Console;
+use crate::io::frame::{check_frame_path, encode_frame};
+use crate::io::output::{self, Outputs};
+use crate::io::table::check_table_path;
+use crate::io::truth::{self, TruthRow};
+use crate::load::{self, LoadedInstrument};
+
+/// Steps of the progress bar.
+const STEPS: f64 = 1000.0;
 
 /// `twinpupil simulate …`.
 #[derive(Debug, clap::Args)]
-pub struct Args {}
+pub struct Args {
+    /// Instrument file, or the word `paper`
+    #[arg(long, value_name = "FILE")]
+    instrument: PathBuf,
+    /// Scene file, or the word `paper` for the paper's plate of random dots at 300 mm
+    #[arg(long, value_name = "FILE")]
+    scene: PathBuf,
+    /// Frame to write: .png, .tif or .tiff
+    #[arg(short, long, value_name = "FRAME")]
+    output: PathBuf,
+    /// Also write where the dots are: .csv or .ply
+    #[arg(long, value_name = "FILE")]
+    truth: Option<PathBuf>,
+    /// Rays over the pupil for every pixel and band
+    #[arg(long, value_name = "N", default_value_t = 256, value_parser = samples)]
+    samples: usize,
+    /// Write the expected values, without noise
+    #[arg(long)]
+    noiseless: bool,
+    /// Seed of the sensor's noise; the scene's if left out
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// Print a summary as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+fn samples(text: &str) -> Result<usize, String> {
+    let legal = text.parse().ok().filter(|samples| (1..=PUPIL_SAMPLES_MAX).contains(samples));
+    legal.ok_or_else(|| format!("legal: 1 to {PUPIL_SAMPLES_MAX}"))
+}
+
+/// What `--json` prints.
+#[derive(Debug, Serialize)]
+struct Summary<'a> {
+    instrument: &'a str,
+    scene: &'a str,
+    frame: String,
+    size_px: [usize; 2],
+    dots: usize,
+    pupil_samples: usize,
+    noiseless: bool,
+    saturated_pixels: usize,
+    seconds: f64,
+    rays: Rays<'a>,
+}
+
+/// Every ray by its fate.
+#[derive(Debug, Serialize)]
+struct Rays<'a> {
+    launched: u64,
+    arrived: u64,
+    blocked_by_aperture: &'a [u64],
+    missed_lens: u64,
+    groove_wall: u64,
+    total_internal_reflection: u64,
+}
 
 /// Runs `twinpupil simulate`.
-pub fn run(_args: &Args, _console: &Console) -> Result<()> {
-    Ok(())
+pub fn run(args: &Args, console: &Console) -> Result<()> {
+    let loaded = LoadedInstrument::load(&args.instrument)?;
+    let scene = load::scene(&args.scene)?;
+    check_frame_path(&args.output, &loaded.instrument)?;
+    output::check(&args.output)?;
+    if let Some(path) = &args.truth {
+        check_table_path(path)?;
+        output::check(path)?;
+    }
+
+    let start = Instant::now();
+    let options = SimulateOptions { pupil_samples: args.samples, noiseless: args.noiseless, seed: args.seed };
+    let bar = console.progress(STEPS as u64, "simulating");
+    let progress = |share: f64| bar.set_position((STEPS * share) as u64);
+    let simulation = simulate(&loaded.instrument, &scene, &loaded.response_matrix()?, &options, &progress)?;
+    bar.finish_and_clear();
+    let seconds = start.elapsed().as_secs_f64();
+
+    let mut outputs = Outputs::new();
+    let mosaic = loaded.instrument.sensor.mosaic;
+    outputs.add(&args.output, encode_frame(&args.output, &simulation.frame, mosaic)?);
+    if let Some(path) = &args.truth {
+        outputs.add(path, truth::table(&truth_rows(&scene)).encode(Some(path))?);
+    }
+    outputs.commit()?;
+
+    let summary = summary(args, &loaded, &scene, &simulation, seconds);
+    console.note(line(&summary));
+    if args.json { output::write_stdout(pretty(&summary)?.as_bytes()) } else { Ok(()) }
+}
+
+/// The centres of a scene's dots.
+pub fn truth_rows(scene: &Scene) -> Vec<TruthRow> {
+    let row = |(id, dot): (usize, &twinpupil_simulate::Dot)| TruthRow { id: id as i64, position_mm: dot.centre_mm };
+    scene.dots().iter().enumerate().map(row).collect()
+}
+
+fn summary<'a>(
+    args: &Args,
+    loaded: &'a LoadedInstrument,
+    scene: &'a Scene,
+    simulation: &'a Simulation,
+    seconds: f64,
+) -> Summary<'a> {
+    let frame = &simulation.frame;
+    Summary {
+        instrument: &loaded.instrument.name,
+        scene: &scene.name,
+        frame: args.output.display().to_string(),
+        size_px: [frame.width_px(), frame.height_px()],
+        dots: scene.dots().len(),
+        pupil_samples: args.samples,
+        noiseless: args.noiseless,
+        saturated_pixels: saturated_pixels(frame),
+        seconds,
+        rays: rays(&simulation.ledger),
+    }
+}
+
+fn saturated_pixels(frame: &Frame) -> usize {
+    frame.pages().iter().flatten().filter(|&&code| code == frame.code_max()).count()
+}
+
+fn rays(ledger: &RayLedger) -> Rays<'_> {
+    Rays {
+        launched: ledger.launched,
+        arrived: ledger.arrived,
+        blocked_by_aperture: &ledger.blocked,
+        missed_lens: ledger.missed_lens,
+        groove_wall: ledger.groove_wall,
+        total_internal_reflection: ledger.total_internal_reflection,
+    }
+}
+
+/// The summary for a human: one line.
+fn line(summary: &Summary<'_>) -> String {
+    let [width, height] = summary.size_px;
+    let arrived = 100.0 * summary.rays.arrived as f64 / summary.rays.launched.max(1) as f64;
+    let million = summary.rays.launched as f64 / 1e6;
+    let saturated = match summary.saturated_pixels {
+        0 => String::new(),
+        pixels => format!(", {pixels} pixels saturated"),
+    };
+    format!(
+        "{}: {width} × {height} px, {} dots, {million:.1} million rays of which {arrived:.1} % arrived{saturated}, {:.2} s",
+        summary.frame, summary.dots, summary.seconds
+    )
 }

@@ -13,6 +13,7 @@ use tempfile::NamedTempFile;
 #[derive(Debug, Default)]
 pub struct Outputs {
     files: Vec<(PathBuf, Vec<u8>)>,
+    stdout: Vec<u8>,
 }
 
 impl Outputs {
@@ -26,7 +27,15 @@ impl Outputs {
         self.files.push((path.to_owned(), bytes));
     }
 
-    /// Writes every file.
+    /// Adds a file, or text on standard output where there is no path.
+    pub fn add_or_print(&mut self, path: Option<&Path>, bytes: Vec<u8>) {
+        match path {
+            Some(path) => self.add(path, bytes),
+            None => self.stdout.extend(bytes),
+        }
+    }
+
+    /// Writes every file, then standard output.
     pub fn commit(self) -> Result<()> {
         let staged = self
             .files
@@ -36,15 +45,15 @@ impl Outputs {
         staged.into_iter().try_for_each(|staged| {
             let path = staged.path().to_owned();
             staged.publish().with_context(|| path.display().to_string())
-        })
+        })?;
+        write_stdout(&self.stdout)
     }
 }
 
 /// Writes one file, or standard output where there is no path.
 pub fn write(path: Option<&Path>, bytes: Vec<u8>) -> Result<()> {
-    let Some(path) = path else { return write_stdout(&bytes) };
     let mut outputs = Outputs::new();
-    outputs.add(path, bytes);
+    outputs.add_or_print(path, bytes);
     outputs.commit()
 }
 

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use anyhow::{Context, Result};
-use twinpupil_instrument::PixelPoint;
+use twinpupil_reconstruct::Point;
 
 use super::table::{Cells, CsvTable, Table};
 
@@ -14,42 +14,55 @@ const PX_DECIMALS: usize = 6;
 /// Decimals of Γ, of which 1e-9 is a third of a nanometre of depth.
 const GAMMA_DECIMALS: usize = 9;
 
-/// One row. What is not known is NaN.
+/// The points of one frame.
 #[derive(Debug, Clone, PartialEq)]
+pub struct FramePoints {
+    /// The frame's file.
+    pub frame: String,
+    /// Its points; their index is their id.
+    pub points: Vec<Point>,
+}
+
+/// The table of all points, with a column `frame` where there are several frames.
+pub fn table(frames: &[FramePoints]) -> Table {
+    let points = || frames.iter().flat_map(|frame| &frame.points);
+    let real = |decimals, value: fn(&Point) -> f64| Cells::Real(points().map(value).collect(), decimals);
+    let flag = |value: fn(&Point) -> bool| Cells::Whole(points().map(|point| i64::from(value(point))).collect());
+    let ids = frames.iter().flat_map(|frame| 0..frame.points.len() as i64).collect();
+    let table = Table::new()
+        .with("id", Cells::Whole(ids))
+        .with("x_mm", real(MM_DECIMALS, |point| point.position_mm[0]))
+        .with("y_mm", real(MM_DECIMALS, |point| point.position_mm[1]))
+        .with("z_mm", real(MM_DECIMALS, |point| point.position_mm[2]))
+        .with("x_std_mm", real(MM_DECIMALS, |point| point.std_mm[0]))
+        .with("y_std_mm", real(MM_DECIMALS, |point| point.std_mm[1]))
+        .with("z_std_mm", real(MM_DECIMALS, |point| point.std_mm[2]))
+        .with("gamma", real(GAMMA_DECIMALS, |point| point.gamma))
+        .with("telecentric_u_px", real(PX_DECIMALS, |point| point.telecentric.centre.u))
+        .with("telecentric_v_px", real(PX_DECIMALS, |point| point.telecentric.centre.v))
+        .with("entocentric_u_px", real(PX_DECIMALS, |point| point.entocentric.centre.u))
+        .with("entocentric_v_px", real(PX_DECIMALS, |point| point.entocentric.centre.v))
+        .with("diameter_mm", real(MM_DECIMALS, |point| point.diameter_mm))
+        .with("azimuth_residual_px", real(PX_DECIMALS, |point| point.azimuth_residual_px))
+        .with("overlapped", flag(|point| point.telecentric.overlapped || point.entocentric.overlapped))
+        .with("ambiguous", flag(|point| point.ambiguous));
+    if frames.len() < 2 {
+        return table;
+    }
+    let names = frames.iter().flat_map(|frame| frame.points.iter().map(|_| frame.frame.clone())).collect();
+    table.with("frame", Cells::Label(names))
+}
+
+/// A point as read back. What is not known is NaN.
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PointRow {
-    /// Number of the point in its frame.
-    pub id: i64,
     /// x, y and z from the front principal point, mm.
     pub position_mm: [f64; 3],
     /// Standard deviations of x, y and z, mm.
     pub std_mm: [f64; 3],
-    /// Γ = r_R / r_B  [Ohno2018, Eq. 12].
-    pub gamma: f64,
-    /// Where the telecentric band sees the point, px.
-    pub telecentric: PixelPoint,
-    /// Where the entocentric band sees the point, px.
-    pub entocentric: PixelPoint,
 }
 
-/// The table of `rows`.
-pub fn table(rows: &[PointRow]) -> Table {
-    let real = |decimals, value: fn(&PointRow) -> f64| Cells::Real(rows.iter().map(value).collect(), decimals);
-    Table::new()
-        .with("id", Cells::Whole(rows.iter().map(|row| row.id).collect()))
-        .with("x_mm", real(MM_DECIMALS, |row| row.position_mm[0]))
-        .with("y_mm", real(MM_DECIMALS, |row| row.position_mm[1]))
-        .with("z_mm", real(MM_DECIMALS, |row| row.position_mm[2]))
-        .with("x_std_mm", real(MM_DECIMALS, |row| row.std_mm[0]))
-        .with("y_std_mm", real(MM_DECIMALS, |row| row.std_mm[1]))
-        .with("z_std_mm", real(MM_DECIMALS, |row| row.std_mm[2]))
-        .with("gamma", real(GAMMA_DECIMALS, |row| row.gamma))
-        .with("telecentric_u_px", real(PX_DECIMALS, |row| row.telecentric.u))
-        .with("telecentric_v_px", real(PX_DECIMALS, |row| row.telecentric.v))
-        .with("entocentric_u_px", real(PX_DECIMALS, |row| row.entocentric.u))
-        .with("entocentric_v_px", real(PX_DECIMALS, |row| row.entocentric.v))
-}
-
-/// Reads a table of which only `x_mm`, `y_mm` and `z_mm` must be there; rows without `id` are numbered from 0.
+/// Reads the positions and deviations of a table of points; only `x_mm`, `y_mm` and `z_mm` must be there.
 pub fn read(path: &Path) -> Result<Vec<PointRow>> {
     let table = CsvTable::read(path)?;
     rows(&table).with_context(|| path.display().to_string())
@@ -57,55 +70,77 @@ pub fn read(path: &Path) -> Result<Vec<PointRow>> {
 
 fn rows(table: &CsvTable) -> Result<Vec<PointRow>> {
     let position = [table.finite("x_mm")?, table.finite("y_mm")?, table.finite("z_mm")?];
-    let optional = |name| Ok::<_, anyhow::Error>(table.optional_real(name)?.unwrap_or(vec![f64::NAN; table.rows()]));
-    let std = [optional("x_std_mm")?, optional("y_std_mm")?, optional("z_std_mm")?];
-    let gamma = optional("gamma")?;
-    let telecentric = [optional("telecentric_u_px")?, optional("telecentric_v_px")?];
-    let entocentric = [optional("entocentric_u_px")?, optional("entocentric_v_px")?];
-    let id = if table.has("id") { table.whole("id")? } else { (0..table.rows() as i64).collect() };
-    Ok((0..table.rows())
-        .map(|row| PointRow {
-            id: id[row],
-            position_mm: [0, 1, 2].map(|axis| position[axis][row]),
-            std_mm: [0, 1, 2].map(|axis| std[axis][row]),
-            gamma: gamma[row],
-            telecentric: PixelPoint { u: telecentric[0][row], v: telecentric[1][row] },
-            entocentric: PixelPoint { u: entocentric[0][row], v: entocentric[1][row] },
-        })
-        .collect())
+    let deviation = |name| Ok::<_, anyhow::Error>(table.optional_real(name)?.unwrap_or(vec![f64::NAN; table.rows()]));
+    let std = [deviation("x_std_mm")?, deviation("y_std_mm")?, deviation("z_std_mm")?];
+    let row = |row: usize| PointRow {
+        position_mm: [0, 1, 2].map(|axis| position[axis][row]),
+        std_mm: [0, 1, 2].map(|axis| std[axis][row]),
+    };
+    Ok((0..table.rows()).map(row).collect())
 }
 
 #[cfg(test)]
 mod tests {
+    use twinpupil_instrument::PixelPoint;
+    use twinpupil_reconstruct::Feature;
+
     use super::*;
+
+    fn point() -> Point {
+        let feature = Feature {
+            centre: PixelPoint { u: 959.5, v: 1.0 },
+            centre_std_px: [0.002, 0.003],
+            area_px: 5945.0,
+            height_codes: 2500.0,
+            overlapped: false,
+        };
+        Point {
+            position_mm: [1.25, -7.5, 300.000001],
+            std_mm: [0.0005, 0.001, f64::NAN],
+            gamma: 1.013234567,
+            telecentric: feature,
+            entocentric: Feature { overlapped: true, ..feature },
+            azimuth_residual_px: -0.25,
+            diameter_mm: 1.0,
+            ambiguous: false,
+        }
+    }
+
+    fn text(frames: &[FramePoints]) -> String {
+        String::from_utf8(table(frames).to_csv()).expect("text")
+    }
 
     #[test]
     fn the_header_is_the_contract() {
-        let header = "id,x_mm,y_mm,z_mm,x_std_mm,y_std_mm,z_std_mm,gamma,telecentric_u_px,telecentric_v_px,\
-            entocentric_u_px,entocentric_v_px\n";
-        assert_eq!(String::from_utf8(table(&[]).to_csv()).unwrap(), header);
+        let contract = "id,x_mm,y_mm,z_mm,x_std_mm,y_std_mm,z_std_mm,gamma,telecentric_u_px,telecentric_v_px,\
+            entocentric_u_px,entocentric_v_px,";
+        assert!(text(&[]).starts_with(contract));
+    }
+
+    #[test]
+    fn several_frames_are_told_apart() {
+        let frame = |name: &str| FramePoints { frame: name.to_owned(), points: vec![point()] };
+        assert!(!text(&[frame("a.png")]).contains("frame"));
+        let both = text(&[frame("a.png"), frame("b.png")]);
+        assert!(
+            both.lines().nth(2).is_some_and(|line| line.starts_with("0,1.250000,") && line.ends_with(",1,0,b.png"))
+        );
     }
 
     #[test]
     fn what_is_written_is_read_back() {
-        let row = PointRow {
-            id: 3,
-            position_mm: [1.25, -7.5, 300.000001],
-            std_mm: [0.0005, 0.001, f64::NAN],
-            gamma: 1.013234567,
-            telecentric: PixelPoint { u: 959.5, v: 1.0 },
-            entocentric: PixelPoint { u: f64::NAN, v: -2.0 },
-        };
-        let text = String::from_utf8(table(std::slice::from_ref(&row)).to_csv()).unwrap();
+        let text = text(&[FramePoints { frame: String::new(), points: vec![point()] }]);
         let back = rows(&CsvTable::parse(&text).unwrap()).unwrap();
-        assert_eq!(format!("{back:?}"), format!("{:?}", [row]));
+        assert_eq!(back[0].position_mm, [1.25, -7.5, 300.000001]);
+        assert_eq!(back[0].std_mm[..2], [0.0005, 0.001]);
+        assert!(back[0].std_mm[2].is_nan());
     }
 
     #[test]
     fn positions_alone_are_enough() {
         let table = CsvTable::parse("z_mm,y_mm,x_mm,colour\n3,2,1,red\n6,5,4,blue\n").unwrap();
         let rows = rows(&table).unwrap();
-        assert_eq!((rows[1].id, rows[1].position_mm), (1, [4.0, 5.0, 6.0]));
+        assert_eq!(rows[1].position_mm, [4.0, 5.0, 6.0]);
         assert!(rows[0].std_mm[2].is_nan());
     }
 }

@@ -1,0 +1,29 @@
+//! Where a command's text goes.
+
+use std::path::PathBuf;
+
+use anyhow::Result;
+use clap::Args;
+use serde::Serialize;
+
+use crate::io::output;
+
+/// `-o FILE`, or standard output.
+#[derive(Debug, Args)]
+pub struct Destination {
+    /// File to write; standard output if left out
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+}
+
+impl Destination {
+    /// Writes a text.
+    pub fn write(&self, text: String) -> Result<()> {
+        output::write(self.output.as_deref(), text.into_bytes())
+    }
+}
+
+/// A value as indented JSON.
+pub fn pretty(value: &impl Serialize) -> Result<String> {
+    Ok(serde_json::to_string_pretty(value)? + "\n")
+}

@@ -1,0 +1,159 @@
+//! `twinpupil detect`: frames → features of each band.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use rayon::prelude::*;
+use serde::Serialize;
+use twinpupil_instrument::Mosaic;
+use twinpupil_reconstruct::{DetectOptions, Noise, Rejection, detect};
+
+use super::destination::pretty;
+use super::options::PolarityOption;
+use crate::console::Console;
+use crate::io::features::{self, BandFeatures, FrameRejections, rejected_table};
+use crate::io::frame::{FrameFormat, read_frame};
+use crate::io::output::{self, Outputs};
+use crate::io::table::check_table_path;
+use crate::load::LoadedInstrument;
+
+/// `twinpupil detect …`.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Frames: PNG or TIFF
+    #[arg(required = true, value_name = "FRAME")]
+    frames: Vec<PathBuf>,
+    /// Instrument file, or the word `paper`
+    #[arg(long, value_name = "FILE", required_unless_present = "mosaic")]
+    instrument: Option<PathBuf>,
+    /// Without an instrument: how the sensor samples colour
+    #[arg(long, value_name = "MOSAIC", conflicts_with = "instrument", requires = "plane", value_parser = mosaic)]
+    mosaic: Option<Mosaic>,
+    /// Without an instrument: plane to search, r, g, b or a page number; may be repeated
+    #[arg(long, value_name = "PLANE", conflicts_with = "instrument")]
+    plane: Vec<String>,
+    /// Features to write, .csv or .ply; CSV on standard output if left out
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+    /// Also write what was found and not used, each with its reason: .csv or .ply
+    #[arg(long, value_name = "FILE")]
+    rejected: Option<PathBuf>,
+    /// Whether features are bright or dark
+    #[arg(long, value_enum, default_value_t = PolarityOption::Auto)]
+    polarity: PolarityOption,
+    /// Print a summary as JSON; needs -o
+    #[arg(long, requires = "output")]
+    json: bool,
+}
+
+fn mosaic(text: &str) -> Result<Mosaic, String> {
+    let legal = || format!("legal: {}", Mosaic::ALL.map(Mosaic::name).join(", "));
+    Mosaic::from_name(text).ok_or_else(legal)
+}
+
+/// Where to look, and what is known of the sensor.
+struct Target {
+    format: FrameFormat,
+    mosaic: Mosaic,
+    /// Name and plane of every band.
+    bands: Vec<(String, String)>,
+    instrument: Option<LoadedInstrument>,
+}
+
+/// What `--json` prints: one entry for each band of each frame.
+#[derive(Debug, Serialize)]
+struct BandSummary {
+    frame: String,
+    band: String,
+    features: usize,
+    rejected: usize,
+}
+
+/// One frame, searched.
+struct Done {
+    bands: Vec<BandFeatures>,
+    rejected: FrameRejections,
+}
+
+/// Runs `twinpupil detect`.
+pub fn run(args: &Args, console: &Console) -> Result<()> {
+    let target = Target::of(args)?;
+    for path in args.output.iter().chain(&args.rejected) {
+        check_table_path(path)?;
+        output::check(path)?;
+    }
+    let options = DetectOptions { polarity: args.polarity.polarity(), ..DetectOptions::default() };
+    let bar = console.progress(args.frames.len() as u64, "detecting");
+    let one = |path: &PathBuf| {
+        let done = target.search(path, &options);
+        bar.inc(1);
+        done
+    };
+    let frames = args.frames.par_iter().map(one).collect::<Result<Vec<Done>>>()?;
+    bar.finish_and_clear();
+
+    let summary: Vec<BandSummary> = frames.iter().flat_map(summaries).collect();
+    write(args, frames)?;
+    for band in &summary {
+        let BandSummary { frame, band, features, rejected } = band;
+        console.note(format!("{frame}: {features} features in {band}, {rejected} rejected"));
+    }
+    if args.json { output::write_stdout(pretty(&summary)?.as_bytes()) } else { Ok(()) }
+}
+
+impl Target {
+    fn of(args: &Args) -> Result<Self> {
+        if let Some(path) = &args.instrument {
+            let loaded = LoadedInstrument::load(path)?;
+            let bands = loaded.instrument.bands.iter().map(|band| (band.name.clone(), band.plane.clone())).collect();
+            let format = FrameFormat::of_instrument(&loaded.instrument);
+            return Ok(Self { format, mosaic: loaded.instrument.sensor.mosaic, bands, instrument: Some(loaded) });
+        }
+        let Some(mosaic) = args.mosaic else { bail!("--instrument or --mosaic is needed") };
+        let pages = args.plane.iter().map(|plane| mosaic.site(plane).map(|site| site.page + 1));
+        let Some(pages) = pages.collect::<Option<Vec<_>>>() else {
+            bail!("--plane {}: a sensor `{}` has no such plane", args.plane.join(" --plane "), mosaic.name());
+        };
+        let format = FrameFormat::bare(mosaic, pages.into_iter().max().unwrap_or(1));
+        let bands = args.plane.iter().map(|plane| (plane.clone(), plane.clone())).collect();
+        Ok(Self { format, mosaic, bands, instrument: None })
+    }
+
+    fn search(&self, path: &Path, options: &DetectOptions) -> Result<Done> {
+        let frame = read_frame(path, &self.format)?;
+        let name = path.display().to_string();
+        let noise = self.instrument.as_ref().map(|own| Noise::of_sensor(&own.instrument.sensor, frame.code_max()));
+        let mut bands = Vec::with_capacity(self.bands.len());
+        let mut rejected: Vec<Rejection> = Vec::new();
+        for (band, plane) in &self.bands {
+            let view = frame.plane(self.mosaic, plane).with_context(|| name.clone())?;
+            let found = detect(&view, band, noise.as_ref(), options);
+            rejected.extend(found.rejected);
+            bands.push(BandFeatures { frame: name.clone(), band: band.clone(), features: found.features });
+        }
+        Ok(Done { bands, rejected: FrameRejections { frame: name, rejected } })
+    }
+}
+
+fn summaries(done: &Done) -> Vec<BandSummary> {
+    let one = |band: &BandFeatures| BandSummary {
+        frame: band.frame.clone(),
+        band: band.band.clone(),
+        features: band.features.len(),
+        rejected: done.rejected.rejected.iter().filter(|rejection| rejection.band == band.band).count(),
+    };
+    done.bands.iter().map(one).collect()
+}
+
+fn write(args: &Args, frames: Vec<Done>) -> Result<()> {
+    let several = frames.len() > 1;
+    let (bands, rejected): (Vec<_>, Vec<_>) = frames.into_iter().map(|done| (done.bands, done.rejected)).unzip();
+    let bands: Vec<BandFeatures> = bands.into_iter().flatten().collect();
+    let encoded = features::table(&bands, several).encode(args.output.as_deref())?;
+    let mut outputs = Outputs::new();
+    if let Some(path) = &args.rejected {
+        outputs.add(path, rejected_table(&rejected).encode(Some(path))?);
+    }
+    outputs.add_or_print(args.output.as_deref(), encoded);
+    outputs.commit()
+}

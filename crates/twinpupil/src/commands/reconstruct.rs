@@ -1,0 +1,208 @@
+//! `twinpupil reconstruct`: frames → points.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use anyhow::{Context, Result};
+use clap::ValueEnum;
+use rayon::prelude::*;
+use serde::Serialize;
+use twinpupil_reconstruct::{DetectOptions, Mode, Options, Reconstruction, Reconstructor};
+
+use super::destination::pretty;
+use super::options::PolarityOption;
+use crate::console::Console;
+use crate::io::features::{FrameRejections, rejected_table};
+use crate::io::frame::{FrameFormat, read_frame};
+use crate::io::output::{self, Outputs};
+use crate::io::points::{self, FramePoints};
+use crate::io::table::{Table, check_table_path};
+use crate::load::LoadedInstrument;
+
+/// `twinpupil reconstruct …`.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Frames: PNG or TIFF
+    #[arg(required = true, value_name = "FRAME")]
+    frames: Vec<PathBuf>,
+    /// Instrument file, or the word `paper`
+    #[arg(long, value_name = "FILE")]
+    instrument: PathBuf,
+    /// Points to write, .csv or .ply; CSV on standard output if left out
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+    /// Also write the features that became no point, each with its reason: .csv or .ply
+    #[arg(long, value_name = "FILE")]
+    rejected: Option<PathBuf>,
+    /// How points are computed
+    #[arg(long, value_enum, default_value_t = ModeOption::Centroid)]
+    mode: ModeOption,
+    /// Whether features are bright or dark
+    #[arg(long, value_enum, default_value_t = PolarityOption::Auto)]
+    polarity: PolarityOption,
+    /// Print a summary as JSON; needs -o
+    #[arg(long, requires = "output")]
+    json: bool,
+}
+
+/// How points are computed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum ModeOption {
+    /// Equations 9 to 13 of the paper, to the letter
+    Paper,
+    /// Cartesian centroids, and the instrument's forward model inverted
+    Centroid,
+}
+
+/// What `--json` prints.
+#[derive(Debug, Serialize)]
+struct Summary {
+    instrument: String,
+    mode: String,
+    points: usize,
+    ambiguous: usize,
+    /// Number of rejected features by reason.
+    rejected: BTreeMap<&'static str, usize>,
+    /// Time spent on reading files and on computing, summed over threads.
+    read_seconds: f64,
+    compute_seconds: f64,
+    /// Time from the first frame to the last.
+    wall_seconds: f64,
+    frames: Vec<FrameSummary>,
+}
+
+#[derive(Debug, Serialize)]
+struct FrameSummary {
+    frame: String,
+    points: usize,
+    rejected: usize,
+}
+
+/// One frame, read and reconstructed.
+struct Done {
+    frame: String,
+    reconstruction: Reconstruction,
+    read_seconds: f64,
+    compute_seconds: f64,
+}
+
+/// Runs `twinpupil reconstruct`.
+pub fn run(args: &Args, console: &Console) -> Result<()> {
+    let loaded = LoadedInstrument::load(&args.instrument)?;
+    for path in args.output.iter().chain(&args.rejected) {
+        check_table_path(path)?;
+        output::check(path)?;
+    }
+    let format = FrameFormat::of_instrument(&loaded.instrument);
+    let reconstructor = reconstructor(args, &loaded)?;
+
+    let start = Instant::now();
+    let bar = console.progress(args.frames.len() as u64, "reconstructing");
+    let one = |path: &PathBuf| {
+        let done = reconstruct(&reconstructor, &format, path);
+        bar.inc(1);
+        done
+    };
+    let frames = args.frames.par_iter().map(one).collect::<Result<Vec<Done>>>()?;
+    bar.finish_and_clear();
+    let summary = summary(args, &loaded, &frames, start.elapsed().as_secs_f64());
+
+    let (points, rejected) = tables(frames);
+    write(args, &points, &rejected)?;
+    lines(&summary).iter().for_each(|line| console.note(line));
+    if args.json { output::write_stdout(pretty(&summary)?.as_bytes()) } else { Ok(()) }
+}
+
+fn reconstructor(args: &Args, loaded: &LoadedInstrument) -> Result<Reconstructor> {
+    let mode = match args.mode {
+        ModeOption::Paper => Mode::Paper,
+        ModeOption::Centroid => Mode::Centroid,
+    };
+    let detect = DetectOptions { polarity: args.polarity.polarity(), ..DetectOptions::default() };
+    let table = match mode {
+        Mode::Paper => None,
+        Mode::Centroid => Some(twinpupil_optics::response_table_for(&loaded.instrument)?),
+    };
+    Ok(Reconstructor::new(loaded.instrument.clone(), table, Options { mode, detect, ..Options::default() }))
+}
+
+fn reconstruct(reconstructor: &Reconstructor, format: &FrameFormat, path: &Path) -> Result<Done> {
+    let start = Instant::now();
+    let frame = read_frame(path, format)?;
+    let read_seconds = start.elapsed().as_secs_f64();
+    let reconstruction = reconstructor.frame(&frame).with_context(|| path.display().to_string())?;
+    let compute_seconds = start.elapsed().as_secs_f64() - read_seconds;
+    Ok(Done { frame: path.display().to_string(), reconstruction, read_seconds, compute_seconds })
+}
+
+fn tables(frames: Vec<Done>) -> (Table, Table) {
+    let (mut all_points, mut all_rejected) = (Vec::new(), Vec::new());
+    for Done { frame, reconstruction: Reconstruction { points, rejected }, .. } in frames {
+        all_rejected.push(FrameRejections { frame: frame.clone(), rejected });
+        all_points.push(FramePoints { frame, points });
+    }
+    (points::table(&all_points), rejected_table(&all_rejected))
+}
+
+fn write(args: &Args, points: &Table, rejected: &Table) -> Result<()> {
+    let mut outputs = Outputs::new();
+    outputs.add_or_print(args.output.as_deref(), points.encode(args.output.as_deref())?);
+    if let Some(path) = &args.rejected {
+        outputs.add(path, rejected.encode(Some(path))?);
+    }
+    outputs.commit()
+}
+
+fn summary(args: &Args, loaded: &LoadedInstrument, frames: &[Done], wall_seconds: f64) -> Summary {
+    let points = || frames.iter().flat_map(|done| &done.reconstruction.points);
+    let mut rejected = BTreeMap::new();
+    for rejection in frames.iter().flat_map(|done| &done.reconstruction.rejected) {
+        *rejected.entry(rejection.reason.name()).or_default() += 1;
+    }
+    let frame = |done: &Done| FrameSummary {
+        frame: done.frame.clone(),
+        points: done.reconstruction.points.len(),
+        rejected: done.reconstruction.rejected.len(),
+    };
+    Summary {
+        instrument: loaded.instrument.name.clone(),
+        mode: format!("{:?}", args.mode).to_lowercase(),
+        points: points().count(),
+        ambiguous: points().filter(|point| point.ambiguous).count(),
+        rejected,
+        read_seconds: frames.iter().map(|done| done.read_seconds).sum(),
+        compute_seconds: frames.iter().map(|done| done.compute_seconds).sum(),
+        wall_seconds,
+        frames: frames.iter().map(frame).collect(),
+    }
+}
+
+/// The summary for a human.
+fn lines(summary: &Summary) -> Vec<String> {
+    let frames = summary.frames.len();
+    let mut lines = vec![format!(
+        "{} points from {frames} frame{}, {} ambiguous; {}",
+        summary.points,
+        if frames == 1 { "" } else { "s" },
+        summary.ambiguous,
+        rejections(&summary.rejected),
+    )];
+    for empty in summary.frames.iter().filter(|frame| frame.points == 0) {
+        let why = if empty.rejected == 0 { "no features were found" } else { "every feature was rejected" };
+        lines.push(format!("{}: no points, because {why}", empty.frame));
+    }
+    let (read_ms, compute_ms) =
+        (1e3 * summary.read_seconds / frames as f64, 1e3 * summary.compute_seconds / frames as f64);
+    let rate = frames as f64 / summary.wall_seconds;
+    lines.push(format!("{read_ms:.1} ms to read and {compute_ms:.1} ms to reconstruct a frame, {rate:.1} frames/s"));
+    lines
+}
+
+fn rejections(rejected: &BTreeMap<&str, usize>) -> String {
+    if rejected.is_empty() {
+        return "no feature rejected".to_owned();
+    }
+    let each = rejected.iter().map(|(reason, count)| format!("{count} {reason}")).collect::<Vec<_>>().join(", ");
+    format!("features rejected: {each}")
+}
