@@ -1,0 +1,111 @@
+//! Good input, from file to file.
+
+use std::io::Read;
+use std::process::Stdio;
+
+use crate::program::Workplace;
+
+#[test]
+fn wrong_usage_is_code_2_and_help_is_code_0() {
+    let workplace = Workplace::new();
+    let wrong = [
+        "",
+        "unknown",
+        "instrument show",
+        "simulate --instrument paper",
+        "instrument paper --threads 0",
+        "simulate --instrument paper --scene paper -o f.png --samples 0",
+        "reconstruct f.png --instrument paper --json",
+        "detect f.png",
+        "detect f.png --mosaic rggb",
+        "detect f.png --mosaic xyz --plane r",
+    ];
+    for arguments in wrong {
+        let output = workplace.run(arguments);
+        assert_eq!(output.status.code(), Some(2), "{arguments}");
+        assert!(output.stdout.is_empty() && !output.stderr.is_empty(), "{arguments}");
+    }
+    for arguments in ["--help", "--version", "help fit", "simulate --help"] {
+        assert!(!workplace.succeed(arguments).is_empty());
+    }
+}
+
+#[test]
+fn instruments_and_scenes_are_printed_and_read_back() {
+    let workplace = Workplace::new();
+    workplace.succeed("instrument paper -o paper.toml");
+    assert_eq!(workplace.read("paper.toml"), twinpupil_instrument::paper::INSTRUMENT_TOML);
+    let printed = workplace.succeed("instrument print paper.toml");
+    workplace.write("printed.toml", &printed);
+    assert_eq!(workplace.succeed("instrument print printed.toml"), printed);
+    assert_eq!(workplace.succeed("instrument show printed.toml"), workplace.succeed("instrument show paper"));
+
+    let scene = workplace.succeed("scene paper");
+    workplace.write("scene.toml", &scene);
+    assert_eq!(workplace.succeed("scene print scene.toml"), scene);
+    for command in ["instrument schema", "scene schema", "instrument show paper --json"] {
+        let json: serde_json::Value = serde_json::from_str(&workplace.succeed(command)).unwrap();
+        assert!(json.is_object(), "{command}");
+    }
+}
+
+#[test]
+fn the_same_seed_gives_the_same_bytes_on_any_number_of_threads() {
+    let workplace = Workplace::new();
+    workplace.write(
+        "scene.toml",
+        "schema = 1\nname = \"s\"\n[[dot]]\nx_mm = 0.1\ny_mm = 0\nz_mm = 310\ndiameter_mm = 0.2\n",
+    );
+    let simulate = |rest: &str| {
+        workplace.succeed(&format!("simulate --instrument small.toml --scene scene.toml --samples 16 -q {rest}"));
+    };
+    simulate("-o a.png --threads 1");
+    simulate("-o b.png --threads 3");
+    simulate("-o c.png --seed 5");
+    let bytes = |name: &str| std::fs::read(workplace.path(name)).unwrap();
+    assert_eq!(bytes("a.png"), bytes("b.png"));
+    assert_ne!(bytes("a.png"), bytes("c.png"));
+}
+
+#[test]
+fn a_simulated_plate_comes_back() {
+    let workplace = Workplace::new();
+    let summary =
+        workplace.succeed("simulate --instrument paper --scene paper -o f.tiff --truth t.csv --samples 64 --json");
+    let summary: serde_json::Value = serde_json::from_str(&summary).unwrap();
+    assert_eq!(summary["dots"], 60);
+    let rays = &summary["rays"];
+    let blocked: u64 =
+        rays["blocked_by_aperture"].as_array().unwrap().iter().filter_map(serde_json::Value::as_u64).sum();
+    assert_eq!(rays["launched"].as_u64(), rays["arrived"].as_u64().map(|arrived| arrived + blocked));
+    assert_eq!(workplace.read("t.csv").lines().count(), 61);
+
+    let reconstruct = "reconstruct f.tiff --instrument paper --rejected r.csv";
+    let summary = workplace.succeed(&format!("{reconstruct} -o p.csv --json"));
+    let summary: serde_json::Value = serde_json::from_str(&summary).unwrap();
+    let points = summary["points"].as_u64().unwrap();
+    assert!(points > 45, "{summary}");
+    assert_eq!(workplace.read("p.csv").lines().count() as u64, points + 1);
+    assert_eq!(workplace.succeed(reconstruct), workplace.read("p.csv"));
+    assert_eq!(workplace.succeed(&format!("{reconstruct} -o p.ply")), "");
+    assert!(std::fs::read(workplace.path("p.ply")).unwrap().starts_with(b"ply\nformat binary_little_endian 1.0\n"));
+
+    let fit = workplace.succeed("fit plane p.csv --json");
+    let fit: serde_json::Value = serde_json::from_str(&fit).unwrap();
+    let z_mm = fit["parameters"][1]["value"].as_f64().unwrap();
+    assert!((z_mm - 300.0).abs() < 0.05, "{fit}");
+    let features = workplace.succeed("detect f.tiff --instrument paper");
+    assert!(features.lines().filter(|line| line.starts_with("red,")).count() as u64 >= points);
+}
+
+#[test]
+fn a_reader_who_leaves_early_is_no_failure() {
+    let workplace = Workplace::new();
+    let mut command = workplace.command("instrument schema");
+    let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    drop(child.stdout.take());
+    let status = child.wait().unwrap();
+    let mut errors = String::new();
+    child.stderr.take().unwrap().read_to_string(&mut errors).unwrap();
+    assert_eq!((status.code(), errors.as_str()), (Some(0), ""));
+}
