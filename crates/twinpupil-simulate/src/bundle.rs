@@ -30,18 +30,18 @@ impl Bundle<'_> {
         self.optics.is_unclipped(self.centre, self.radius_mm)
     }
 
-    /// How the bundle meets `dot`; in doubt, [`Sight::Across`].
-    pub(crate) fn sight(&self, dot: &Dot) -> Sight {
+    /// How the bundle meets `dot`, whose edge is blurred over `blur_mm`; in doubt, [`Sight::Across`].
+    pub(crate) fn sight(&self, dot: &Dot, blur_mm: f64) -> Sight {
         let [x_mm, y_mm, z_mm] = dot.centre_mm;
         let depth_mm = dot.depth_mm();
         let shadow = self.between(z_mm - depth_mm, z_mm + depth_mm);
         let distance_mm = (shadow.x_mm - x_mm).hypot(shadow.y_mm - y_mm);
+        let reach_mm = shadow.radius_mm + blur_mm;
         // Seen along the axis, a tilted disc is an ellipse between these two circles.
         let (outer_mm, inner_mm) = (dot.radius_mm(), dot.radius_mm() * dot.normal[2].abs());
-        if distance_mm > outer_mm + shadow.radius_mm {
+        if distance_mm > outer_mm + reach_mm {
             Sight::Beside
-        } else if distance_mm + shadow.radius_mm < inner_mm && 2.0 * shadow.radius_mm < inner_mm {
-            // The second condition leaves dots that are hardly larger than a pixel to the samples.
+        } else if distance_mm + reach_mm < inner_mm {
             Sight::Within
         } else {
             Sight::Across
@@ -90,9 +90,9 @@ mod tests {
                     let centre = instrument.projection(band).image([5.0 + x_mm, -2.0, 330.0]);
                     Bundle { optics, centre, radius_mm: 0.004 }
                 };
-                assert_eq!(pixel(0.0).sight(&dot), Sight::Within);
-                assert_eq!(pixel(0.5).sight(&dot), Sight::Across);
-                assert_eq!(pixel(-0.9).sight(&dot), Sight::Beside);
+                assert_eq!(pixel(0.0).sight(&dot, 0.01), Sight::Within);
+                assert_eq!(pixel(0.5).sight(&dot, 0.01), Sight::Across);
+                assert_eq!(pixel(-0.9).sight(&dot, 0.01), Sight::Beside);
             }
         }
     }

@@ -1,4 +1,4 @@
-//! How much of a pixel a dot covers, seen along one ray.
+//! How much of what a ray stands for a dot covers.
 
 use multiversion::multiversion;
 use twinpupil_optics::ObjectRays;
@@ -7,16 +7,16 @@ use crate::dot::Dot;
 
 /// A dot as the rays of one band meet it.
 ///
-/// A ray stands for all rays from the same pupil point to anywhere in its pixel, which cast a small square on the
-/// dot: the pixel's shadow. Instead of sampling the square, the dot's edge is blurred by it: coverage rises linearly
-/// over the shadow's width w, because a square of width w has the variance w²/12 along every direction, like the
-/// linear rise.
+/// A ray stands for all rays from anywhere in its pixel through its cell of the pupil, which cast two small squares
+/// on the dot, one blurred by the other. Instead of sampling this shadow, the dot's edge is blurred by it: coverage
+/// rises linearly over a width w with w² = pixel² + cell², because a square of width w has the variance w²/12 along
+/// every direction, like the linear rise, and variances add.
 ///
 /// ```text
 /// coverage = ½ + (R² − ρ²)/(2 R w), from 0 to 1        ρ distance of the ray from the centre, R radius of the dot
 /// ```
 ///
-/// Being linear in ρ² it keeps the area of the dot exactly. For a dot smaller than the pixel's shadow, R < w, the rise
+/// Being linear in ρ² it keeps the area of the dot exactly. For a dot smaller than the shadow, R < w, the rise
 /// does not reach 1 and the area would become `π R (R + w)²/(4 w)`, so coverage is scaled to make up for that.
 ///
 /// On a tilted dot the shadow is wider along the tilt; w is its width in the direction of the nearest edge.
@@ -28,23 +28,23 @@ pub(crate) struct Disc {
     /// dz/dx and dz/dy on the dot.
     slope: [f64; 2],
     radius_mm: f64,
-    /// Width of a pixel's shadow across the axis.
-    shadow_mm: f64,
+    /// Width of a ray's shadow across the axis, w.
+    pub(crate) shadow_mm: f64,
 }
 
 impl Disc {
-    /// `dot` seen by pixels whose shadow on it is `shadow_mm` wide.
+    /// `dot` seen by rays whose shadow on it is `shadow_mm` wide.
     pub(crate) fn new(dot: &Dot, shadow_mm: f64) -> Self {
         let ([x_mm, y_mm, z_mm], [nx, ny, nz]) = (dot.centre_mm, dot.normal);
         Self { x_mm, y_mm, z_mm, slope: [-nx / nz, -ny / nz], radius_mm: dot.radius_mm(), shadow_mm }
     }
 
-    /// Adds to `coverage`, ray by ray, how much of its pixel this dot covers.
+    /// Adds to `coverage`, ray by ray, how much this dot covers.
     pub(crate) fn add_coverage(&self, rays: &ObjectRays, coverage: &mut [f64]) {
         if self.slope == [0.0, 0.0] { add_flat(self, rays, coverage) } else { add_tilted(self, rays, coverage) }
     }
 
-    /// How much of its pixel this dot covers along one ray, and where the ray meets the dot's plane.
+    /// How much this dot covers along one ray, and where the ray meets the dot's plane.
     #[inline(always)]
     pub(crate) fn coverage(&self, x_mm: f64, y_mm: f64, slope_x: f64, slope_y: f64) -> (f64, f64) {
         let [a, b] = self.slope;

@@ -8,16 +8,21 @@ use twinpupil_optics::{BandOptics, Camera, ObjectRays, RayLedger, RayStarts};
 
 use crate::bundle::{Bundle, Sight};
 use crate::disc::Disc;
+use crate::dot::Dot;
 use crate::index::DotIndex;
-use crate::sampling::{SampleBank, SampleSet};
+use crate::sampling::{SampleBank, SampleSet, pupil_cell};
 use crate::scene::Scene;
 use crate::texture::Texture;
 
 /// Side of the squares of pixels that are first looked at as a whole, px.
 const TILE_PX: usize = 16;
 
-/// Smallest magnification at which a pixel's shadow in object space still makes sense.
+/// Smallest magnification at which a length on the sensor still makes sense in object space.
 const MAGNIFICATION_MIN: f64 = 1e-6;
+
+/// Between these widths, mm, a ray's shadow is kept where the first-order projection has a pole.
+const SHADOW_MM_MIN: f64 = 1e-9;
+const SHADOW_MM_MAX: f64 = 1e6;
 
 /// Scene, optics and samples, ready to give the light in any pixel.
 pub(crate) struct Renderer<'a> {
@@ -69,7 +74,14 @@ impl<'a> Renderer<'a> {
         let sensor = &instrument.sensor;
         let view = |(band, optics)| {
             let projection = instrument.projection(band);
-            let disc = |dot: &crate::Dot| Disc::new(dot, shadow_mm(&projection, sensor.pitch_mm, dot.centre_mm[2]));
+            let disc = |dot: &Dot| {
+                let z_mm = dot.centre_mm[2];
+                let pixel_mm = object_length_mm(&projection, sensor.pitch_mm, z_mm);
+                let blur_mm = object_length_mm(&projection, projection.blur_radius_mm(z_mm), z_mm);
+                // `max` comes first: it also catches the NaN of a pupil that no pencil of rays fills.
+                let shadow_mm = pixel_mm.hypot(blur_mm * pupil_cell(pupil_samples)).max(SHADOW_MM_MIN);
+                Disc::new(dot, shadow_mm.min(SHADOW_MM_MAX))
+            };
             BandView { optics, projection, discs: scene.dots().iter().map(disc).collect() }
         };
         Self {
@@ -120,7 +132,7 @@ impl<'a> Renderer<'a> {
         let [column_first, row_first] = first;
         let columns = column_first..width_px.min(column_first + TILE_PX);
         let bundle = self.bundle(band, first, [columns.len(), rows.len() / width_px]);
-        self.look_around(&bundle, workspace);
+        self.look_around(band, &bundle, workspace);
         let uniform_e = self.uniform_e(&workspace.tile);
         if uniform_e == Some(0.0) {
             return;
@@ -137,7 +149,7 @@ impl<'a> Renderer<'a> {
     fn pixel(&self, band: usize, column: usize, row: usize, workspace: &mut Workspace) -> f64 {
         let bundle = self.bundle(band, [column, row], [1, 1]);
         let Workspace { tile, pixel, .. } = workspace;
-        self.look_closer(&bundle, tile, pixel);
+        self.look_closer(band, &bundle, tile, pixel);
         match self.uniform_e(pixel) {
             Some(0.0) => 0.0,
             Some(electrons) if bundle.is_unclipped() => electrons,
@@ -161,7 +173,7 @@ impl<'a> Renderer<'a> {
     }
 
     /// What the bundle of a tile meets among all there is.
-    fn look_around(&self, bundle: &Bundle<'_>, workspace: &mut Workspace) {
+    fn look_around(&self, band: usize, bundle: &Bundle<'_>, workspace: &mut Workspace) {
         let Workspace { nearby, tile, .. } = workspace;
         nearby.clear();
         if !self.scene.dots().is_empty() {
@@ -170,22 +182,22 @@ impl<'a> Renderer<'a> {
             self.index.find(low_mm, high_mm, nearby);
         }
         let picture = self.scene.texture().is_some_and(|texture| may_meet(bundle, texture));
-        self.look_at(bundle, nearby, picture, tile);
+        self.look_at(band, bundle, nearby, picture, tile);
     }
 
     /// What the bundle of a pixel meets among what its tile does.
-    fn look_closer(&self, bundle: &Bundle<'_>, tile: &Prospect, pixel: &mut Prospect) {
+    fn look_closer(&self, band: usize, bundle: &Bundle<'_>, tile: &Prospect, pixel: &mut Prospect) {
         let picture = tile.picture && self.scene.texture().is_some_and(|texture| may_meet(bundle, texture));
-        self.look_at(bundle, &tile.dots, picture, pixel);
+        self.look_at(band, bundle, &tile.dots, picture, pixel);
         pixel.filled |= tile.filled;
     }
 
-    fn look_at(&self, bundle: &Bundle<'_>, dots: &[usize], picture: bool, prospect: &mut Prospect) {
+    fn look_at(&self, band: usize, bundle: &Bundle<'_>, dots: &[usize], picture: bool, prospect: &mut Prospect) {
         prospect.dots.clear();
         prospect.filled = false;
         prospect.picture = picture;
         for &id in dots {
-            match bundle.sight(&self.scene.dots()[id]) {
+            match bundle.sight(&self.scene.dots()[id], self.bands[band].discs[id].shadow_mm) {
                 Sight::Beside => {}
                 // Only the rays can tell whether the picture hides the dot.
                 Sight::Within if !picture => prospect.filled = true,
@@ -255,7 +267,7 @@ impl<'a> Renderer<'a> {
         let [a, b] = pose.slope;
         let rise_mm = a * position_mm[0] + b * position_mm[1];
         let z_mm = (pose.distance_mm + rise_mm) / (1.0 - a * slope[0] - b * slope[1]);
-        let shadow_mm = shadow_mm(&self.bands[band].projection, self.sensor.pitch_mm, z_mm);
+        let shadow_mm = object_length_mm(&self.bands[band].projection, self.sensor.pitch_mm, z_mm);
         let x_mm = position_mm[0] + slope[0] * z_mm + shadow_mm * samples.offset_u_px[ray];
         let y_mm = position_mm[1] + slope[1] * z_mm + shadow_mm * samples.offset_v_px[ray];
         match texture.at(x_mm, y_mm) {
@@ -271,10 +283,10 @@ struct PictureHit {
     z_mm: f64,
 }
 
-/// Width of a pixel's shadow at distance z, seen from one pupil point, mm.
-fn shadow_mm(projection: &Projection, pitch_mm: f64, z_mm: f64) -> f64 {
+/// Length in object space at distance z of a length on the sensor, seen from one pupil point, mm.
+fn object_length_mm(projection: &Projection, image_mm: f64, z_mm: f64) -> f64 {
     // `max` also catches the NaN of a pupil through which no single chief ray passes.
-    pitch_mm / projection.magnification(z_mm).abs().max(MAGNIFICATION_MIN)
+    image_mm / projection.magnification(z_mm).abs().max(MAGNIFICATION_MIN)
 }
 
 /// Whether some ray of the bundle may meet the picture.

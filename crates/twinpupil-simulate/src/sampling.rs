@@ -1,19 +1,30 @@
-//! Low-discrepancy points of the pupil and of the pixel.
+//! Evenly spread points of the pupil and of the pixel.
 
-use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
+use std::f64::consts::TAU;
 
-/// The most samples of one set: the Sobol' sequence used here ends there.
+/// The most samples of one set: the Sobol' sequence that is used here ends there.
 pub const PUPIL_SAMPLES_MAX: usize = 1 << 16;
 
-/// Number of differently scrambled sets, so that the sampling errors of neighbouring pixels do not add up.
+/// Number of different sets, so that the sampling errors of neighbouring pixels do not add up.
 const SETS: usize = 16;
 
+/// (1 + √5)/2.
+const GOLDEN_RATIO: f64 = 1.618_033_988_749_895;
+
 /// One set of samples, as structure of arrays.
+///
+/// Pupil points are the florets of a sunflower, which divide the disc into cells of equal area and much the same
+/// shape:  r = √((i + ½)/N), φ = i · golden angle.  H. Vogel, "A better way to construct the sunflower head",
+/// Mathematical Biosciences 44, 179 (1979).
+///
+/// Places in the pixel are Owen-scrambled Sobol' points.  B. Burley, "Practical hash-based Owen scrambling", Journal
+/// of Computer Graphics Techniques 9(4), 1 (2020). Every stretch of such a sequence is even by itself, so every ring of
+/// the pupil sees all of the pixel.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct SampleSet {
-    /// Points spread evenly over the unit disc.
+    /// Points of the unit disc.
     pub(crate) pupil_x: Vec<f64>,
-    /// Points spread evenly over the unit disc.
+    /// Points of the unit disc.
     pub(crate) pupil_y: Vec<f64>,
     /// Places in the pixel from its centre, −0.5 to 0.5 px.
     pub(crate) offset_u_px: Vec<f64>,
@@ -21,9 +32,7 @@ pub(crate) struct SampleSet {
     pub(crate) offset_v_px: Vec<f64>,
 }
 
-/// Several sets of Owen-scrambled Sobol' points in four dimensions.
-///
-/// B. Burley, "Practical hash-based Owen scrambling", Journal of Computer Graphics Techniques 9(4), 1 (2020).
+/// Sets of samples whose sunflowers are turned against each other.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct SampleBank {
     sets: Vec<SampleSet>,
@@ -32,7 +41,7 @@ pub(crate) struct SampleBank {
 impl SampleBank {
     /// Sets of `count` samples each.
     pub(crate) fn new(count: usize) -> Self {
-        Self { sets: (0..SETS as u32).map(|seed| SampleSet::new(count as u32, seed)).collect() }
+        Self { sets: (0..SETS).map(|set| SampleSet::new(count, set)).collect() }
     }
 
     /// The set that a pixel of a band uses: always the same, and as good as unrelated to its neighbours'.
@@ -43,28 +52,26 @@ impl SampleBank {
 }
 
 impl SampleSet {
-    fn new(count: u32, seed: u32) -> Self {
-        let dimension =
-            |dimension| (0..count).map(move |index| f64::from(sobol_burley::sample(index, dimension, seed)));
-        let (pupil_x, pupil_y) = dimension(0).zip(dimension(1)).map(|(a, b)| disc_from_square(a, b)).unzip();
-        let offset_u_px = dimension(2).map(|place| place - 0.5).collect();
-        let offset_v_px = dimension(3).map(|place| place - 0.5).collect();
-        Self { pupil_x, pupil_y, offset_u_px, offset_v_px }
+    fn new(count: usize, set: usize) -> Self {
+        let golden_angle_rad = TAU * (1.0 - 1.0 / GOLDEN_RATIO);
+        let turn_rad = TAU * set as f64 / SETS as f64;
+        let floret = |index: usize| {
+            let radius = ((index as f64 + 0.5) / count as f64).sqrt();
+            let (sin, cos) = (index as f64 * golden_angle_rad + turn_rad).sin_cos();
+            (radius * cos, radius * sin)
+        };
+        let (pupil_x, pupil_y) = (0..count).map(floret).unzip();
+        let offset_px = |dimension: u32| {
+            let place = move |index| f64::from(sobol_burley::sample(index, dimension, set as u32)) - 0.5;
+            (0..count as u32).map(place).collect()
+        };
+        Self { pupil_x, pupil_y, offset_u_px: offset_px(0), offset_v_px: offset_px(1) }
     }
 }
 
-/// Maps the unit square onto the unit disc so that areas keep their ratio and neighbours stay neighbours.
-///
-/// P. Shirley, K. Chiu, "A low distortion map between disk and square", Journal of Graphics Tools 2(3), 45 (1997).
-fn disc_from_square(u: f64, v: f64) -> (f64, f64) {
-    let (a, b) = (2.0 * u - 1.0, 2.0 * v - 1.0);
-    if a == 0.0 && b == 0.0 {
-        return (0.0, 0.0);
-    }
-    let (radius, azimuth_rad) =
-        if a.abs() > b.abs() { (a, FRAC_PI_4 * b / a) } else { (b, FRAC_PI_2 - FRAC_PI_4 * a / b) };
-    let (sin, cos) = azimuth_rad.sin_cos();
-    (radius * cos, radius * sin)
+/// Width of the cell of each of `count` points of the unit disc: the side of a square of its area.
+pub(crate) fn pupil_cell(count: usize) -> f64 {
+    (std::f64::consts::PI / count as f64).sqrt()
 }
 
 /// Scatters the bits of `value`: the output step of SplitMix64.
@@ -77,21 +84,34 @@ fn mix(mut value: u64) -> u64 {
 
 #[cfg(test)]
 mod tests {
-    use proptest::prelude::*;
-
     use super::*;
 
     #[test]
     fn every_set_fills_the_disc_evenly() {
         let bank = SampleBank::new(256);
         for set in &bank.sets {
-            let squares = set.pupil_x.iter().zip(&set.pupil_y).map(|(x, y)| x * x + y * y);
-            let mean_square = squares.sum::<f64>() / 256.0;
-            let centre = set.pupil_x.iter().sum::<f64>().hypot(set.pupil_y.iter().sum()) / 256.0;
-            // The mean of r² over the unit disc is 1/2.
-            assert!((mean_square - 0.5).abs() < 2e-3 && centre < 2e-3, "{mean_square} {centre}");
+            let points = || set.pupil_x.iter().zip(&set.pupil_y);
+            let moment = |power: i32| points().map(|(x, y)| x.hypot(*y).powi(power)).sum::<f64>() / 256.0;
+            // The means of r² and r⁴ over the unit disc are 1/2 and 1/3.
+            assert!((moment(2) - 0.5).abs() < 1e-12 && (moment(4) - 1.0 / 3.0).abs() < 1e-5);
+            let (x, y): (f64, f64) = points().fold((0.0, 0.0), |(x, y), point| (x + point.0, y + point.1));
+            assert!(x.hypot(y) / 256.0 < 3e-3, "{x} {y}");
+            let wedges = |from_rad: f64| points().filter(move |(x, y)| (y.atan2(**x) - from_rad).rem_euclid(TAU) < 1.0);
+            // One radian of the disc holds 256/2π points.
+            assert!((0..6).all(|k| (wedges(f64::from(k)).count() as f64 - 40.7).abs() < 4.0));
         }
         assert_ne!(bank.sets[0], bank.sets[1]);
+    }
+
+    #[test]
+    fn every_ring_sees_all_of_the_pixel() {
+        let bank = SampleBank::new(256);
+        for set in &bank.sets {
+            for ring in set.offset_u_px.chunks(64).chain(set.offset_v_px.chunks(64)) {
+                assert!(ring.iter().all(|offset| (-0.5..0.5).contains(offset)));
+                assert!(ring.iter().sum::<f64>().abs() / 64.0 < 0.01);
+            }
+        }
     }
 
     #[test]
@@ -103,15 +123,5 @@ mod tests {
             counts[bank.sets.iter().position(|own| std::ptr::eq(own, set)).unwrap()] += 1;
         }
         assert!(counts.iter().all(|count| (800..1200).contains(count)), "{counts:?}");
-    }
-
-    proptest! {
-        #[test]
-        fn the_square_maps_into_the_disc(u in 0.0..1.0_f64, v in 0.0..1.0_f64) {
-            let (x, y) = disc_from_square(u, v);
-            // The ring on which a point lies is the square ring it came from.
-            let ring = (2.0 * u - 1.0).abs().max((2.0 * v - 1.0).abs());
-            prop_assert!((x.hypot(y) - ring).abs() < 1e-12);
-        }
     }
 }

@@ -121,6 +121,11 @@ impl Scene {
         schemars::schema_for!(SceneSpec)
     }
 
+    /// What the user stated.
+    pub fn spec(&self) -> &SceneSpec {
+        &self.spec
+    }
+
     /// The dots in the order of their ids: first those listed singly, then the plate's. Their centres are the truth.
     pub fn dots(&self) -> &[Dot] {
         &self.dots
