@@ -1,11 +1,13 @@
-//! Draws plots, pictures and a report from made-up data, to look at them: `cargo run --example preview -- FOLDER`.
+//! Draws plots of made-up data and pictures of a simulated frame, to look at them: `cargo run --example preview -- FOLDER`.
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use twinpupil::picture::{Overlay, Picture};
 use twinpupil::plot::{Chart, Colour, PlotPoint, Stroke};
 use twinpupil::report::{Column, Figure, Report};
-use twinpupil_instrument::{Frame, PixelPoint, paper};
+use twinpupil_instrument::ResponseMatrix;
+use twinpupil_reconstruct::{Options, Reconstructor};
+use twinpupil_simulate::{SimulateOptions, paper, simulate};
 
 fn main() -> Result<()> {
     let folder = PathBuf::from(std::env::args().nth(1).context("usage: preview FOLDER")?);
@@ -49,46 +51,20 @@ fn fig11() -> String {
     chart.into_svg()
 }
 
-/// Discs on the two sub-lattices, drawn without any optics.
-fn frame(pairs: &[(PixelPoint, PixelPoint)]) -> Result<Frame> {
-    let sensor = &paper::instrument().sensor.clone();
-    let [width, height] = sensor.size_px;
-    let code = |i: usize| {
-        let (u, v) = (i % width, i / width);
-        let lit = |centre: PixelPoint| {
-            let distance_px = (u as f64 - centre.u).hypot(v as f64 - centre.v);
-            2500.0 * ((43.0 - distance_px) / 12.0 + 0.5).clamp(0.0, 1.0)
-        };
-        let noise = ((i as f64 * 12.9898).sin() * 43758.547).fract().abs() * 30.0;
-        let signal: f64 = match (u % 2, v % 2) {
-            (0, 0) => pairs.iter().map(|pair| lit(pair.0)).sum(),
-            (1, 1) => pairs.iter().map(|pair| lit(pair.1)).sum(),
-            _ => 0.0,
-        };
-        (signal + noise).min(4095.0) as u16
-    };
-    Ok(Frame::new(width, height, sensor.code_max(), vec![(0..width * height).map(code).collect()])?)
-}
-
 fn report() -> Result<String> {
-    let instrument = paper::instrument();
-    let pairs: Vec<(PixelPoint, PixelPoint)> = (0..40)
-        .map(|i| {
-            let (radius_px, azimuth_rad) = (180.0 + 11.0 * f64::from(i), 2.4 * f64::from(i));
-            let at = |scale: f64| PixelPoint {
-                u: 959.5 + scale * radius_px * azimuth_rad.cos(),
-                v: 599.5 + scale * radius_px * azimuth_rad.sin(),
-            };
-            (at(1.0), at(1.13))
-        })
-        .collect();
-    let frame = frame(&pairs)?;
+    let instrument = twinpupil_instrument::paper::instrument();
+    let scene = paper::tilted_plate(30.0, 1)?;
+    let response = ResponseMatrix::ideal(&instrument.bands);
+    let frame = simulate(&instrument, &scene, &response, &SimulateOptions::default(), &|_| ())?.frame;
+    let points = Reconstructor::new(instrument.clone(), None, Options::default()).frame(&frame)?.points;
     let picture = Picture::of_frame(&frame, &instrument)?.shrunk(2);
     let mut overlay = Overlay::new();
-    for (telecentric, entocentric) in &pairs {
-        overlay.circle(*telecentric, 43.0, Colour::White);
-        overlay.circle(*entocentric, 43.0, Colour::White);
-        overlay.arrow(*telecentric, *entocentric, Colour::Orange);
+    for point in &points {
+        let radius_px = |area_px: f64| (area_px / std::f64::consts::PI).sqrt();
+        let (telecentric, entocentric) = (point.telecentric, point.entocentric);
+        overlay.circle(telecentric.centre, radius_px(telecentric.area_px), Colour::White);
+        overlay.circle(entocentric.centre, radius_px(entocentric.area_px), Colour::White);
+        overlay.arrow(telecentric.centre, entocentric.centre, Colour::Orange);
     }
 
     let mut report = Report::new("The paper, done again");

@@ -1,4 +1,5 @@
 //! Runs the built program: what it writes, what it refuses and how it says so.
+#![cfg(test)]
 
 mod bad_input;
 mod commands;
