@@ -35,7 +35,7 @@ impl Bundle<'_> {
         let [x_mm, y_mm, z_mm] = dot.centre_mm;
         let depth_mm = dot.depth_mm();
         let shadow = self.between(z_mm - depth_mm, z_mm + depth_mm);
-        let distance_mm = (shadow.x_mm - x_mm).hypot(shadow.y_mm - y_mm);
+        let distance_mm = ((shadow.x_mm - x_mm).powi(2) + (shadow.y_mm - y_mm).powi(2)).sqrt();
         let reach_mm = shadow.radius_mm + blur_mm;
         // Seen along the axis, a tilted disc is an ellipse between these two circles.
         let (outer_mm, inner_mm) = (dot.radius_mm(), dot.radius_mm() * dot.normal[2].abs());

@@ -11,6 +11,7 @@ mod bundle;
 mod disc;
 mod dot;
 mod index;
+mod light;
 mod packing;
 pub mod paper;
 mod plate;

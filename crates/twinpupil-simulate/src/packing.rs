@@ -147,7 +147,7 @@ mod tests {
             let centres_mm = dots.centres_mm([stretch, 1.0], seed).unwrap();
             for (i, a) in centres_mm.iter().enumerate() {
                 let r_mm = a[0].hypot(a[1]);
-                prop_assert!(r_mm >= 2.0 - 1e-12 && r_mm <= 7.5 + 1e-12);
+                prop_assert!((2.0 - 1e-12..=7.5 + 1e-12).contains(&r_mm));
                 for b in &centres_mm[..i] {
                     prop_assert!(((a[0] - b[0]) * stretch).hypot(a[1] - b[1]) >= 1.0 + gap_mm - 1e-12);
                 }

@@ -10,6 +10,7 @@ use crate::bundle::{Bundle, Sight};
 use crate::disc::Disc;
 use crate::dot::Dot;
 use crate::index::DotIndex;
+use crate::light::{covered_light, sum};
 use crate::sampling::{SampleBank, SampleSet, pupil_cell};
 use crate::scene::Scene;
 use crate::texture::Texture;
@@ -157,7 +158,7 @@ impl<'a> Renderer<'a> {
                 let samples = self.bank.of_pixel(band, column, row);
                 self.trace(&bundle, samples, workspace);
                 match uniform_e {
-                    Some(electrons) => electrons * sum(&workspace.rays, |_| 1.0) / self.pupil_samples as f64,
+                    Some(electrons) => electrons * sum(&workspace.rays.weight) / self.pupil_samples as f64,
                     None => self.sampled_e(band, samples, workspace),
                 }
             }
@@ -237,9 +238,10 @@ impl<'a> Renderer<'a> {
                 coverage.clear();
                 coverage.resize(rays.len(), 0.0);
                 pixel.dots.iter().for_each(|&id| discs[id].add_coverage(rays, coverage));
-                sum(rays, |ray| ground_e + (feature_e - ground_e) * coverage[ray].min(1.0))
+                let (light, covered) = covered_light(&rays.weight, coverage);
+                ground_e * light + (feature_e - ground_e) * covered
             }
-            Some(texture) => sum(rays, |ray| {
+            Some(texture) => weighted_sum(rays, |ray| {
                 let (x_mm, y_mm) = (rays.x_mm[ray], rays.y_mm[ray]);
                 let slope = [rays.slope_x[ray], rays.slope_y[ray]];
                 let picture = self.picture_behind(band, texture, [x_mm, y_mm], slope, samples, ray);
@@ -297,7 +299,7 @@ fn may_meet(bundle: &Bundle<'_>, texture: &Texture) -> bool {
 }
 
 /// Sum over the rays that arrived of weight × value.
-fn sum(rays: &ObjectRays, value: impl Fn(usize) -> f64) -> f64 {
+fn weighted_sum(rays: &ObjectRays, value: impl Fn(usize) -> f64) -> f64 {
     // Positions of lost rays mean nothing and may be NaN, so they are not multiplied by their weight of zero.
     rays.weight.iter().enumerate().map(|(ray, &weight)| if weight > 0.0 { weight * value(ray) } else { 0.0 }).sum()
 }

@@ -1,5 +1,7 @@
 //! Whole frames: pages, codes, seeds, threads and what is refused.
 
+#![allow(clippy::unwrap_used, reason = "helpers of tests may panic like the tests")]
+
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use twinpupil_instrument::{Instrument, Mosaic, ResponseMatrix, paper as paper_instrument};
@@ -37,6 +39,20 @@ fn the_same_seed_gives_the_same_bytes_on_any_number_of_threads() {
     let other = run(&instrument, &scene, &SimulateOptions { seed: Some(5), ..FAST });
     assert_ne!(one.frame, other.frame);
     assert_eq!(one.frame, run(&instrument, &scene, &SimulateOptions { seed: Some(4), ..FAST }).frame);
+}
+
+#[test]
+fn a_fresnel_lens_accounts_for_every_ray() {
+    let text = paper_instrument::INSTRUMENT_TOML.replacen("model = \"thin\"", "model = \"fresnel\"", 1);
+    let mut spec = Instrument::from_toml(&text).unwrap().into_spec();
+    (spec.sensor.size_px, spec.sensor.axis_px) = ([240, 160], [-240.0, 80.0]);
+    let instrument = Instrument::new(spec).unwrap();
+    let scene = paper::random_plate(270.0, 4).unwrap();
+    let Simulation { frame, ledger } = run(&instrument, &scene, &FAST);
+    assert!(ledger.launched > 0 && ledger.total() == ledger.launched, "{ledger:?}");
+    assert!(ledger.arrived < ledger.launched, "some rays meet a groove's wall");
+    let brightest = frame.pages()[0].iter().max();
+    assert!(brightest > Some(&1500), "{brightest:?}");
 }
 
 #[test]

@@ -1,5 +1,7 @@
 //! Simulated light against closed forms and against a renderer without any shortcut.
 
+#![allow(clippy::unwrap_used, reason = "helpers of tests may panic like the tests")]
+
 use std::f64::consts::PI;
 
 use proptest::prelude::*;
