@@ -175,7 +175,7 @@ impl BandOptics {
     }
 
     /// What becomes of the light of an object point (x, y, z) in mm, z > 0: exact for a thin lens, an average
-    /// over some 200 rays for a Fresnel lens.
+    /// over some 160 rays for a Fresnel lens.
     pub fn point_image(&self, object_mm: [f64; 3]) -> PointImage {
         match &self.model {
             Model::Thin(_) => self.masks.point_image(object_mm),

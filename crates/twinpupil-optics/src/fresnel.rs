@@ -32,10 +32,13 @@ const AIM_MARGIN: f64 = 1.25;
 const FOOTPRINT_MARGIN: f64 = 0.05;
 
 /// Rays over which the image of a point is averaged, in each quadrant of the pupil.
-const RAYS_PER_QUADRANT: usize = 60;
+const RAYS_PER_QUADRANT: usize = 40;
 
 /// How far from the object point a ray may pass that counts as its own, mm.
-const AIM_TOLERANCE_MM: f64 = 1e-8;
+const AIM_TOLERANCE_MM: f64 = 1e-6;
+
+/// Enough for any ray that can be aimed at all; three or four are usual.
+const NEWTON_STEPS: usize = 20;
 
 /// One band of a camera with a Fresnel lens.
 #[derive(Debug, Clone)]
@@ -145,18 +148,25 @@ impl FresnelBand {
 
     /// Through all apertures and the lens.
     fn follow(&self, ray: &SensorRay) -> Result<ObjectRay, RayFate> {
-        let l = self.masks.sensor_distance_mm;
-        let behind = self.stops.partition_point(|stop| stop.position_mm >= 0.0);
-        let (behind, in_front) = self.stops.split_at(behind);
-        for stop in behind {
-            let t = stop.position_mm;
-            stop.check([0, 1].map(|k| ray.at_sensor_mm[k] - ray.slope[k] * (l - t)))?;
-        }
+        self.check_behind(ray)?;
         let found = self.refract(ray)?;
-        for stop in in_front {
-            stop.check(found.at(-stop.position_mm))?;
-        }
+        self.check_in_front(&found)?;
         Ok(found)
+    }
+
+    /// Through the apertures behind the lens.
+    fn check_behind(&self, ray: &SensorRay) -> Result<(), RayFate> {
+        let l = self.masks.sensor_distance_mm;
+        let mut behind = self.stops.iter().take_while(|stop| stop.position_mm >= 0.0);
+        behind.try_for_each(|stop| {
+            stop.check([0, 1].map(|k| ray.at_sensor_mm[k] - ray.slope[k] * (l - stop.position_mm)))
+        })
+    }
+
+    /// Through the apertures in front of the lens.
+    fn check_in_front(&self, ray: &ObjectRay) -> Result<(), RayFate> {
+        let mut in_front = self.stops.iter().skip_while(|stop| stop.position_mm >= 0.0);
+        in_front.try_for_each(|stop| stop.check(ray.at(-stop.position_mm)))
     }
 
     /// Through the lens alone.
@@ -165,9 +175,9 @@ impl FresnelBand {
         let at_peaks_mm = [0, 1].map(|k| ray.at_sensor_mm[k] - ray.slope[k] * to_peaks_mm);
         // Depth grows with t if the grooves face the object, against it if they face the image; z runs against t.
         let (out, against) = match self.side {
-            GrooveSide::Object => (self.plate.from_flat(&Line { at_peaks_mm, slope: ray.slope })?, -1.0),
+            GrooveSide::Object => (self.plate.enter_flat_face(&Line { at_peaks_mm, slope: ray.slope })?, -1.0),
             GrooveSide::Image => {
-                (self.plate.from_grooves(&Line { at_peaks_mm, slope: ray.slope.map(|slope| -slope) })?, 1.0)
+                (self.plate.enter_grooves(&Line { at_peaks_mm, slope: ray.slope.map(|slope| -slope) })?, 1.0)
             }
         };
         Ok(ObjectRay { at_front_mm: out.at(self.front_depth_mm), slope: out.slope.map(|slope| against * slope) })
@@ -195,7 +205,7 @@ impl FresnelBand {
         Footprint { x_mm, y_mm, radius_mm: (1.0 + FOOTPRINT_MARGIN) * reach_mm + self.groove_pitch_mm }
     }
 
-    /// Average over 240 rays that meet the object point, found by aiming them from the sensor.
+    /// Average over 160 rays that meet the object point, found by aiming them from the sensor.
     ///
     /// A bundle of unit density over sensor and pupil has the density 1/|∂x/∂p| over the object, which makes each
     /// ray's share its weight over that determinant; the ideal lens's determinant is the unit.
@@ -220,29 +230,28 @@ impl FresnelBand {
     /// Share and upright image position of the ray through a pupil point and the object point, if it gets through.
     fn aimed_share(&self, map: &Linear, object_mm: [f64; 3], pupil: [f64; 2]) -> Option<(f64, [f64; 2])> {
         let [x_mm, y_mm, z_mm] = object_mm;
-        let meets = |image_mm: [f64; 2]| Some(self.refract(&self.launch(image_mm, pupil).0).ok()?.at(z_mm));
-        let mut image_mm =
-            [(x_mm - map.x(pupil[0], 0.0)) / map.per_image, (y_mm - map.y(pupil[1], 0.0)) / map.per_image];
-        let mut found_mm = meets(image_mm)?;
+        let meets = |image_mm: [f64; 2]| self.refract(&self.launch(image_mm, pupil).0).ok();
+        let mut image_mm = [0, 1].map(|k| (object_mm[k] - map.component(k, pupil[k], 0.0)) / map.per_image);
         // Newton's method with the ideal lens's derivative, which the real one's differs from by some per cent.
-        for _ in 0..20 {
-            let miss = [x_mm - found_mm[0], y_mm - found_mm[1]];
-            if miss[0].hypot(miss[1]) < AIM_TOLERANCE_MM {
+        let mut found = None;
+        for _ in 0..NEWTON_STEPS {
+            let ray = meets(image_mm)?;
+            let at_mm = ray.at(z_mm);
+            let miss_mm = [x_mm - at_mm[0], y_mm - at_mm[1]];
+            if miss_mm[0].hypot(miss_mm[1]) < AIM_TOLERANCE_MM {
+                found = Some((ray, at_mm));
                 break;
             }
-            image_mm = [0, 1].map(|k| image_mm[k] + miss[k] / map.per_image);
-            found_mm = meets(image_mm)?;
+            image_mm = [0, 1].map(|k| image_mm[k] + miss_mm[k] / map.per_image);
         }
-        if (x_mm - found_mm[0]).hypot(y_mm - found_mm[1]) >= AIM_TOLERANCE_MM {
-            return None;
-        }
-        let (ray, weight) = self.launch(image_mm, pupil);
-        self.follow(&ray).ok()?;
+        let (ray, found_mm) = found?;
+        let (start, weight) = self.launch(image_mm, pupil);
+        self.check_behind(&start).and_then(|()| self.check_in_front(&ray)).ok()?;
         let step_mm = 1e-5;
         let beside = |k: usize| {
             let mut moved_mm = image_mm;
             moved_mm[k] += step_mm;
-            meets(moved_mm).map(|to_mm| [0, 1].map(|j| (to_mm[j] - found_mm[j]) / step_mm))
+            meets(moved_mm).map(|ray| [0, 1].map(|j| (ray.at(z_mm)[j] - found_mm[j]) / step_mm))
         };
         let unit = map.per_image * map.per_image;
         let determinant = match (beside(0), beside(1)) {

@@ -40,19 +40,15 @@ impl Linear {
         Self { per_image: self.per_image + per_image, ..self }
     }
 
+    /// Component 0 (x) or 1 (y), from the same component of the pupil point and of the image position.
     #[inline(always)]
-    pub(crate) fn x(&self, pupil_x: f64, image_x_mm: f64) -> f64 {
-        self.per_pupil * pupil_x + self.per_image * image_x_mm + self.constant[0]
-    }
-
-    #[inline(always)]
-    pub(crate) fn y(&self, pupil_y: f64, image_y_mm: f64) -> f64 {
-        self.per_pupil * pupil_y + self.per_image * image_y_mm + self.constant[1]
+    pub(crate) fn component(&self, k: usize, pupil: f64, image_mm: f64) -> f64 {
+        self.per_pupil * pupil + self.per_image * image_mm + self.constant[k]
     }
 
     pub(crate) fn over(&self, centre: ImagePoint, radius_mm: f64) -> Disc {
         Disc {
-            centre: [self.x(0.0, centre.x_mm), self.y(0.0, centre.y_mm)],
+            centre: [self.component(0, 0.0, centre.x_mm), self.component(1, 0.0, centre.y_mm)],
             radius: self.per_pupil.abs() + self.per_image.abs() * radius_mm,
         }
     }

@@ -35,7 +35,7 @@ impl Plate {
     }
 
     /// In through the flat face, out through a facet.
-    pub(crate) fn from_flat(&self, outside: &Line) -> Result<Line, RayFate> {
+    pub(crate) fn enter_flat_face(&self, outside: &Line) -> Result<Line, RayFate> {
         let entry = self.on_lens(outside, self.thickness_mm)?;
         let direction = refract(outside.direction(Heading::Up), ALONG_AXIS, 1.0 / self.index);
         let inside = direction
@@ -52,7 +52,7 @@ impl Plate {
     }
 
     /// In through a facet, out through the flat face.
-    pub(crate) fn from_grooves(&self, outside: &Line) -> Result<Line, RayFate> {
+    pub(crate) fn enter_grooves(&self, outside: &Line) -> Result<Line, RayFate> {
         self.on_lens(outside, 0.0)?;
         let (k, depth_mm) = self.facet_from_without(outside)?;
         let entry = self.on_lens(outside, depth_mm)?;
@@ -160,8 +160,8 @@ pub(crate) mod tests {
         let n_d = Glass::Pmma.index(lens.design_wavelength_nm).unwrap();
         // t of the groove peaks, and the sense of depth.
         let (out, peaks_mm, sense) = match lens.grooves {
-            GrooveSide::Object => (plate.from_grooves(&line)?, lens.thickness_mm * (1.0 / n_d - 1.0), 1.0),
-            GrooveSide::Image => (plate.from_flat(&line)?, 0.0, -1.0),
+            GrooveSide::Object => (plate.enter_grooves(&line)?, lens.thickness_mm * (1.0 / n_d - 1.0), 1.0),
+            GrooveSide::Image => (plate.enter_flat_face(&line)?, 0.0, -1.0),
         };
         let depth_on_axis_mm = -out.at_peaks_mm[0] / out.slope[0];
         Ok((peaks_mm + sense * depth_on_axis_mm, sense * out.slope[0]))
@@ -203,10 +203,10 @@ pub(crate) mod tests {
     fn rays_beside_the_lens_miss_it_and_slanted_ones_meet_risers() {
         let plate = plate(&lens(GrooveSide::Object), 587.6);
         let line = |x_mm: f64, slope: f64| Line { at_peaks_mm: [x_mm, 0.0], slope: [slope, 0.0] };
-        assert_eq!(plate.from_flat(&line(38.6, 0.0)), Err(RayFate::MissedLens));
-        assert_eq!(plate.from_grooves(&line(38.6, 0.0)), Err(RayFate::MissedLens));
+        assert_eq!(plate.enter_flat_face(&line(38.6, 0.0)), Err(RayFate::MissedLens));
+        assert_eq!(plate.enter_grooves(&line(38.6, 0.0)), Err(RayFate::MissedLens));
         let walls = |slope: f64| {
-            let rays = (0..2500).map(|k| plate.from_grooves(&line(30.0 + 0.001 * f64::from(k), slope)));
+            let rays = (0..2500).map(|k| plate.enter_grooves(&line(30.0 + 0.001 * f64::from(k), slope)));
             rays.filter(|ray| *ray == Err(RayFate::GrooveWall)).count()
         };
         // Straight down, a ray is lost if in the glass, on its way to the focus n f deep, it falls short of the foot
@@ -227,8 +227,8 @@ pub(crate) mod tests {
             let plate = plate(&FresnelLens { draft_deg, ..lens(side) }, 450.0);
             let line = Line { at_peaks_mm: [x, y], slope: [gx, gy] };
             let both = [
-                plate.from_flat(&line).ok().map(|out| plate.from_grooves(&out)),
-                plate.from_grooves(&line).ok().map(|out| plate.from_flat(&out)),
+                plate.enter_flat_face(&line).ok().map(|out| plate.enter_grooves(&out)),
+                plate.enter_grooves(&line).ok().map(|out| plate.enter_flat_face(&out)),
             ];
             for back in both.into_iter().flatten() {
                 let back = back.expect("a ray that came through goes back");

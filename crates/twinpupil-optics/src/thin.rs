@@ -74,8 +74,10 @@ impl ThinBand {
         for first in (0..count).step_by(BLOCK) {
             let block = first..count.min(first + BLOCK);
             let starts = starts.slice(block.clone());
-            evaluate(&self.lens, starts, &mut rays.x_mm[block.clone()], &mut rays.y_mm[block.clone()]);
-            evaluate(&self.slope, starts, &mut rays.slope_x[block.clone()], &mut rays.slope_y[block.clone()]);
+            let (x, slope_x) = (&mut rays.x_mm[block.clone()], &mut rays.slope_x[block.clone()]);
+            evaluate(self, 0, starts.pupil_x, starts.image_x_mm, x, slope_x);
+            let (y, slope_y) = (&mut rays.y_mm[block.clone()], &mut rays.slope_y[block.clone()]);
+            evaluate(self, 1, starts.pupil_y, starts.image_y_mm, y, slope_y);
             let weight = &mut rays.weight[block];
             weight.fill(self.weight);
             self.clip(starts, weight, ledger);
@@ -119,13 +121,13 @@ impl ThinBand {
     }
 }
 
+/// Position at the lens and slope beyond it, one component of all rays.
 #[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
-fn evaluate(map: &Linear, starts: RayStarts<'_>, x: &mut [f64], y: &mut [f64]) {
-    for ((out, pupil), image) in x.iter_mut().zip(starts.pupil_x).zip(starts.image_x_mm) {
-        *out = map.x(*pupil, *image);
-    }
-    for ((out, pupil), image) in y.iter_mut().zip(starts.pupil_y).zip(starts.image_y_mm) {
-        *out = map.y(*pupil, *image);
+fn evaluate(band: &ThinBand, k: usize, pupil: &[f64], image_mm: &[f64], lens_mm: &mut [f64], slope: &mut [f64]) {
+    let outputs = lens_mm.iter_mut().zip(slope);
+    for ((pupil, image_mm), (lens_mm, slope)) in pupil.iter().zip(image_mm).zip(outputs) {
+        *lens_mm = band.lens.component(k, *pupil, *image_mm);
+        *slope = band.slope.component(k, *pupil, *image_mm);
     }
 }
 
@@ -136,7 +138,7 @@ fn pass_ring(ring: &Annulus, position: &Linear, starts: RayStarts<'_>, weight: &
     let pupil = starts.pupil_x.iter().zip(starts.pupil_y);
     let mut passed = 0;
     for ((weight, (pupil_x, pupil_y)), (image_x_mm, image_y_mm)) in weight.iter_mut().zip(pupil).zip(image) {
-        let (x, y) = (position.x(*pupil_x, *image_x_mm), position.y(*pupil_y, *image_y_mm));
+        let (x, y) = (position.component(0, *pupil_x, *image_x_mm), position.component(1, *pupil_y, *image_y_mm));
         *weight = if holds(ring, x * x + y * y) { *weight } else { 0.0 };
         passed += u64::from(*weight > 0.0);
     }
@@ -147,8 +149,8 @@ fn pass_ring(ring: &Annulus, position: &Linear, starts: RayStarts<'_>, weight: &
 fn pass_rings(rings: &[Annulus], position: &Linear, starts: RayStarts<'_>, weight: &mut [f64]) -> u64 {
     let mut passed = 0;
     for (k, weight) in weight.iter_mut().enumerate() {
-        let x = position.x(starts.pupil_x[k], starts.image_x_mm[k]);
-        let y = position.y(starts.pupil_y[k], starts.image_y_mm[k]);
+        let x = position.component(0, starts.pupil_x[k], starts.image_x_mm[k]);
+        let y = position.component(1, starts.pupil_y[k], starts.image_y_mm[k]);
         if !rings.iter().any(|ring| holds(ring, x * x + y * y)) {
             *weight = 0.0;
         }

@@ -8,7 +8,7 @@ use twinpupil_optics::{
 
 fn instrument(grooves: &str) -> Instrument {
     let lens = format!("model = \"fresnel\"\ngrooves = \"{grooves}\"");
-    Instrument::from_toml(&paper::INSTRUMENT_TOML.replacen("model = \"thin\"", &lens, 1)).unwrap()
+    Instrument::from_toml(&paper::INSTRUMENT_TOML.replacen("model = \"thin\"", &lens, 1)).expect("a legal lens")
 }
 
 fn trace(optics: &BandOptics, image_mm: [f64; 2], pupil: &[[f64; 2]]) -> (ObjectRays, RayLedger) {
@@ -73,9 +73,9 @@ fn a_point_image_is_where_a_dense_bundle_says() {
     for optics in Camera::new(&instrument).unwrap().bands() {
         let object_mm = [2.6, 0.0, 330.0];
         let expected = optics.point_image(object_mm);
-        let pupil = spiral(400);
+        let pupil = spiral(200);
         let (mut light, mut moment) = (0.0, 0.0);
-        let (reach_mm, cells, spot_mm) = (0.45, 150, 0.05);
+        let (reach_mm, cells, spot_mm) = (0.3, 90, 0.05);
         for k in 0..cells * cells {
             let at = |i: i32| reach_mm * (2.0 * (f64::from(i) + 0.5) / f64::from(cells) - 1.0);
             let image_mm = [expected.centroid.x_mm + at(k % cells), expected.centroid.y_mm + at(k / cells)];
@@ -97,20 +97,32 @@ fn a_point_image_is_where_a_dense_bundle_says() {
 }
 
 #[test]
-fn the_response_table_is_smooth_and_dims_towards_the_corner() {
+fn the_response_table_is_bright_and_smooth_outside_the_clip_radius() {
     let instrument = instrument("object");
     let table = response_table_for(&instrument).unwrap();
     assert_eq!((table.r_mm, table.z_mm), response_grids(&instrument));
     for band in 0..2 {
-        let (near, far) = (table.at(band, 3.0, 300.0), table.at(band, 8.0, 300.0));
-        assert!(near.throughput > far.throughput && far.throughput > 0.8 && near.throughput < 1.02, "{near:?} {far:?}");
-        let steps = (30..80)
-            .map(|k| f64::from(k) * 0.1)
-            .map(|r| table.at(band, r + 0.1, 300.0).radial_deviation_mm - table.at(band, r, 300.0).radial_deviation_mm);
-        let steps: Vec<f64> = steps.collect();
-        let jump = steps.windows(2).map(|pair| (pair[1] - pair[0]).abs()).fold(0.0, f64::max);
-        assert!(jump < 1e-3, "{jump}");
+        let deviation_mm = |r_mm: f64| table.at(band, r_mm, 300.0).radial_deviation_mm;
+        for r_mm in (30..80).map(|k| f64::from(k) * 0.1) {
+            let throughput = table.at(band, r_mm, 300.0).throughput;
+            assert!((0.93..1.02).contains(&throughput), "{r_mm}: {throughput}");
+            let bend_mm = deviation_mm(r_mm + 0.1) - 2.0 * deviation_mm(r_mm) + deviation_mm(r_mm - 0.1);
+            assert!(bend_mm.abs() < 2e-3, "{r_mm}: {bend_mm}");
+        }
     }
+}
+
+#[test]
+fn a_pupil_in_front_of_the_lens_is_filled() {
+    let mut spec = instrument("object").into_spec();
+    spec.apertures[0].position_mm = -15.0;
+    let camera = Camera::new(&Instrument::new(spec).expect("legal")).unwrap();
+    let blue = &camera.bands()[1];
+    let (rays, ledger) = trace(blue, [3.0, 1.0], &spiral(4000));
+    assert_eq!(ledger.total(), 4000);
+    let mean = rays.weight.iter().sum::<f64>() / 4000.0;
+    // cos⁴ of 1.2 degrees, the losses in the grooves, and the distortion of the pupil by its image through the lens.
+    assert!((mean - 1.0).abs() < 0.02, "{mean}");
 }
 
 #[test]

@@ -60,7 +60,7 @@ fn crooked() -> Instrument {
     spec.apertures.push(front);
     let Lens::Thin(lens) = &mut spec.lens else { panic!("the paper's lens is thin") };
     lens.focal_length_mm_by_band.insert("blue".to_owned(), 98.19);
-    Instrument::new(spec).unwrap()
+    Instrument::new(spec).expect("masks may lie off the axis")
 }
 
 /// Uniform points of the unit disc: equal areas by the root, spread by the golden angle.
@@ -204,7 +204,7 @@ fn the_papers_masks_clip_within_1_plus_half_z_over_f_and_blind_blue_within_half_
 fn dot_radius_mm(instrument: &Instrument, band: usize, r_mm: f64, z_mm: f64) -> f64 {
     const GRID: usize = 90;
     const SAMPLES: usize = 300;
-    let camera = Camera::new(instrument).unwrap();
+    let camera = Camera::new(instrument).expect("a thin lens");
     let projection = instrument.projection(&instrument.bands[band]);
     let centre = projection.image([r_mm, 0.0, z_mm]);
     let reach_mm = 0.5 * projection.magnification(z_mm) + projection.blur_radius_mm(z_mm);
