@@ -2,6 +2,9 @@
 
 use twinpupil_instrument::PlaneView;
 
+use crate::noise::Noise;
+use crate::surface::{Sample, Surface};
+
 /// Whether features are brighter or darker than what surrounds them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Polarity {
@@ -11,17 +14,22 @@ pub enum Polarity {
     Dark,
 }
 
-/// Side of a tile, pixels of the plane.
-const TILE: usize = 64;
-
-/// Every how many pixels a tile is sampled for its median.
+/// Every how many pixels the plane is sampled.
 const STRIDE: usize = 4;
 
-/// Background of a plane on a grid of tile centres, bilinear between them.
+/// Share of a tile that is surely ground, however many features it holds.
+const GROUND_SHARE: f64 = 0.1;
+
+/// Samples within this share of the contrast above the surface count as ground, round by round; at last only noise.
+const GROUND_LIMITS: [f32; 4] = [0.15, 0.03, 0.0, 0.0];
+
+/// Least distance from the surface within which samples count as ground, in standard deviations of a pixel.
+const GROUND_SIGMAS: f32 = 2.5;
+
+/// Background of a plane.
 #[derive(Debug, Clone)]
 pub(crate) struct Background {
-    tiles: Tiles,
-    levels: Vec<f32>,
+    surface: Surface,
     /// Mean level, codes.
     pub(crate) mean: f64,
     /// Noise of one pixel, codes.
@@ -29,129 +37,62 @@ pub(crate) struct Background {
     pub(crate) polarity: Polarity,
 }
 
-#[derive(Debug, Clone, Copy)]
-struct Tiles {
-    across: usize,
-    down: usize,
-    width: f64,
-    height: f64,
-}
-
 impl Background {
-    /// Tile medians, cleaned by their neighbours, tell features from ground; the mean of the ground is the background.
-    pub(crate) fn estimate(plane: &PlaneView<'_>, polarity: Option<Polarity>) -> Self {
-        let tiles = Tiles::covering(plane);
-        let samples = tiles.samples(plane);
-        let medians: Vec<f32> = samples.iter().map(|tile| quantile(&mut tile.clone(), 0.5)).collect();
-        let first = tiles.median_of_neighbours(&medians);
-        let polarity = polarity.unwrap_or_else(|| longer_tail(&samples, &first));
-        let scatter = ground_scatter(&samples, &first, polarity);
-        let (levels, weights) = ground_means(&samples, &first, 4.0 * scatter.max(0.5), polarity);
-        let levels = tiles.filled(&levels, &weights, &first);
-        let mean = levels.iter().map(|&level| f64::from(level)).sum::<f64>() / levels.len() as f64;
-        Self { tiles, levels, mean, pixel_noise: pixel_noise(plane), polarity }
+    /// Starts from the level that only a tenth of each tile lies beyond, then fits a surface to what lies near it,
+    /// until features and their skirts are left out. `noise` gives the variance of a pixel where it is known.
+    pub(crate) fn estimate(plane: &PlaneView<'_>, polarity: Option<Polarity>, noise: Option<&Noise>) -> Self {
+        let samples = samples(plane);
+        let mut surface = Surface::covering(plane);
+        let polarity = polarity.unwrap_or_else(|| longer_tail(&samples, &mut surface));
+        let share = match polarity {
+            Polarity::Bright => GROUND_SHARE,
+            Polarity::Dark => 1.0 - GROUND_SHARE,
+        };
+        surface.set_to_quantiles(&samples, share);
+        let mut ground = Self { mean: surface.mean(), surface, pixel_noise: pixel_noise(plane), polarity };
+        let contrast = quantile(&mut samples.iter().map(|sample| ground.away(sample)).collect::<Vec<_>>(), 0.995);
+        for limit in GROUND_LIMITS {
+            if let Some(noise) = noise {
+                ground.pixel_noise = noise.variance(ground.mean).sqrt();
+            }
+            let limit = (limit * contrast).max(GROUND_SIGMAS * ground.pixel_noise.max(0.5) as f32);
+            let near: Vec<Sample> = samples.iter().filter(|sample| ground.away(sample) <= limit).copied().collect();
+            ground.surface.fit(&near);
+            ground.mean = ground.surface.mean();
+        }
+        ground
     }
 
     /// Background of every pixel of a row of the plane.
     pub(crate) fn fill_row(&self, row: usize, ground: &mut [f32]) {
-        let Tiles { across, down, width, height } = self.tiles;
-        let (j, fj) = cell(row as f64, height, down);
-        let line: Vec<f32> = (0..across)
-            .map(|i| {
-                let (upper, lower) = (self.levels[j * across + i], self.levels[(j + 1).min(down - 1) * across + i]);
-                upper + fj * (lower - upper)
-            })
-            .collect();
-        for (column, value) in ground.iter_mut().enumerate() {
-            let (i, fi) = cell(column as f64, width, across);
-            *value = line[i] + fi * (line[(i + 1).min(across - 1)] - line[i]);
+        self.surface.fill_row(row, ground);
+    }
+
+    /// How far a sample lies from the ground on the side of the features.
+    fn away(&self, sample: &Sample) -> f32 {
+        let difference = sample.code - self.surface.at(sample);
+        match self.polarity {
+            Polarity::Bright => difference,
+            Polarity::Dark => -difference,
         }
     }
 }
 
-/// Tile centre at or before a pixel, and how far on towards the next; the slope goes on beyond the outermost centres.
-fn cell(pixel: f64, size: f64, count: usize) -> (usize, f32) {
-    let position = (pixel + 0.5) / size - 0.5;
-    let index = position.clamp(0.0, count.saturating_sub(2) as f64).floor();
-    (index as usize, (position - index) as f32)
+/// Every [`STRIDE`]-th pixel of a plane in both directions.
+fn samples(plane: &PlaneView<'_>) -> Vec<Sample> {
+    let sample = |row: usize| {
+        let codes = plane.row(row).enumerate().step_by(STRIDE);
+        codes.map(move |(column, code)| Sample { column: column as u32, row: row as u32, code: f32::from(code) })
+    };
+    (0..plane.rows).step_by(STRIDE).flat_map(sample).collect()
 }
 
-impl Tiles {
-    fn covering(plane: &PlaneView<'_>) -> Self {
-        let (across, down) = (plane.columns.div_ceil(TILE), plane.rows.div_ceil(TILE));
-        Self { across, down, width: plane.columns as f64 / across as f64, height: plane.rows as f64 / down as f64 }
-    }
-
-    /// A sparse sample of codes from every tile; every tile has at least one.
-    fn samples(&self, plane: &PlaneView<'_>) -> Vec<Vec<f32>> {
-        let stride = STRIDE.min(plane.columns).min(plane.rows);
-        let mut samples = vec![Vec::with_capacity((TILE / stride + 2).pow(2)); self.across * self.down];
-        for row in (0..plane.rows).step_by(stride) {
-            let j = ((row as f64 / self.height) as usize).min(self.down - 1);
-            for (column, code) in plane.row(row).enumerate().step_by(stride) {
-                let i = ((column as f64 / self.width) as usize).min(self.across - 1);
-                samples[j * self.across + i].push(f32::from(code));
-            }
-        }
-        samples
-    }
-
-    /// Median of the 5×5 tiles about every tile, so that a tile under a large feature takes its neighbours' level.
-    fn median_of_neighbours(&self, levels: &[f32]) -> Vec<f32> {
-        let near = |center: usize, count: usize| center.saturating_sub(2)..(center + 3).min(count);
-        let mut around = Vec::with_capacity(25);
-        (0..levels.len())
-            .map(|index| {
-                let (i, j) = (index % self.across, index / self.across);
-                around.clear();
-                for row in near(j, self.down) {
-                    around.extend(near(i, self.across).map(|column| levels[row * self.across + column]));
-                }
-                quantile(&mut around, 0.5)
-            })
-            .collect()
-    }
-
-    /// Levels averaged over 3×3 tiles by weight; tiles that are all feature take their surroundings.
-    fn filled(&self, levels: &[f32], weights: &[f32], fallback: &[f32]) -> Vec<f32> {
-        (0..levels.len())
-            .map(|index| {
-                if weights[index] >= 0.25 {
-                    return levels[index];
-                }
-                let (i, j) = (index % self.across, index / self.across);
-                let (mut sum, mut weight) = (0.0, 0.0);
-                for row in j.saturating_sub(1)..(j + 2).min(self.down) {
-                    for column in i.saturating_sub(1)..(i + 2).min(self.across) {
-                        let other = row * self.across + column;
-                        sum += weights[other] * levels[other];
-                        weight += weights[other];
-                    }
-                }
-                if weight > 0.0 { sum / weight } else { fallback[index] }
-            })
-            .collect()
-    }
-}
-
-/// The polarity whose tail about the local ground is the longer.
-fn longer_tail(samples: &[Vec<f32>], ground: &[f32]) -> Polarity {
-    let mut residuals: Vec<f32> =
-        samples.iter().zip(ground).flat_map(|(tile, level)| tile.iter().map(move |code| code - level)).collect();
+/// The polarity whose tail about the local median is the longer.
+fn longer_tail(samples: &[Sample], surface: &mut Surface) -> Polarity {
+    surface.set_to_quantiles(samples, 0.5);
+    let mut residuals: Vec<f32> = samples.iter().map(|sample| sample.code - surface.at(sample)).collect();
     let (low, high) = (quantile(&mut residuals, 0.005), quantile(&mut residuals, 0.995));
     if -low > high { Polarity::Dark } else { Polarity::Bright }
-}
-
-/// Standard deviation of the ground from the side that features do not reach: 1.4826 × the median deviation.
-fn ground_scatter(samples: &[Vec<f32>], ground: &[f32], polarity: Polarity) -> f32 {
-    let mut deviations: Vec<f32> = samples
-        .iter()
-        .zip(ground)
-        .flat_map(|(tile, level)| tile.iter().map(move |code| away(*code, *level, polarity)))
-        .filter(|deviation| *deviation <= 0.0)
-        .map(f32::abs)
-        .collect();
-    if deviations.is_empty() { 0.0 } else { 1.4826 * quantile(&mut deviations, 0.5) }
 }
 
 /// Noise of one pixel from second differences along rows, which a slope does not reach: 1.4826 × their median size,
@@ -163,31 +104,6 @@ fn pixel_noise(plane: &PlaneView<'_>) -> f64 {
         differences.extend(codes.windows(3).step_by(STRIDE).map(|c| (c[0] - 2.0 * c[1] + c[2]).abs()));
     }
     1.4826 * f64::from(quantile(&mut differences, 0.5)) / 6.0_f64.sqrt()
-}
-
-/// Mean of the codes of each tile that are no feature, and their share of the tile.
-fn ground_means(samples: &[Vec<f32>], ground: &[f32], limit: f32, polarity: Polarity) -> (Vec<f32>, Vec<f32>) {
-    samples
-        .iter()
-        .zip(ground)
-        .map(|(tile, level)| {
-            let (mut sum, mut count) = (0.0_f32, 0.0_f32);
-            for code in tile {
-                let kept = f32::from(u8::from(away(*code, *level, polarity).abs() <= limit));
-                sum += kept * code;
-                count += kept;
-            }
-            if count > 0.0 { (sum / count, count / tile.len() as f32) } else { (*level, 0.0) }
-        })
-        .unzip()
-}
-
-/// How far a code lies from the ground on the side of the features.
-fn away(code: f32, level: f32, polarity: Polarity) -> f32 {
-    match polarity {
-        Polarity::Bright => code - level,
-        Polarity::Dark => level - code,
-    }
 }
 
 /// The value below which a share of `values` lies; 0 if there are none. Reorders `values`.
@@ -210,7 +126,7 @@ mod tests {
     }
 
     fn estimate(frame: &Frame) -> (Background, Vec<f32>) {
-        let background = Background::estimate(&frame.plane(Mosaic::Mono, "0").expect("page 0"), None);
+        let background = Background::estimate(&frame.plane(Mosaic::Mono, "0").expect("page 0"), None, None);
         let mut row = vec![0.0; 400];
         background.fill_row(150, &mut row);
         (background, row)

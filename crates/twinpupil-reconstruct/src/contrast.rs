@@ -28,7 +28,7 @@ const BINOMIAL_GAIN: f64 = 0.375;
 impl Contrast {
     /// The contrast of a plane against its local background.
     pub(crate) fn new(plane: &PlaneView<'_>, polarity: Option<Polarity>, noise: Option<&Noise>) -> Self {
-        let background = Background::estimate(plane, polarity);
+        let background = Background::estimate(plane, polarity, noise);
         let mut signal = Vec::with_capacity(plane.columns * plane.rows);
         let mut ground_row = vec![0.0_f32; plane.columns];
         for row in 0..plane.rows {
@@ -49,7 +49,6 @@ impl Contrast {
             }
         }
         let smooth = binomial(&signal, plane.columns, plane.rows);
-        let pixel_noise = noise.map_or(background.pixel_noise, |noise| noise.variance(background.mean).sqrt());
         Self {
             columns: plane.columns,
             rows: plane.rows,
@@ -57,7 +56,7 @@ impl Contrast {
             smooth,
             ground: background.mean,
             polarity: background.polarity,
-            smooth_noise: (pixel_noise.max(0.3) * BINOMIAL_GAIN) as f32,
+            smooth_noise: (background.pixel_noise.max(0.3) * BINOMIAL_GAIN) as f32,
         }
     }
 
