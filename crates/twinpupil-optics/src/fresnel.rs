@@ -40,6 +40,9 @@ const AIM_TOLERANCE_MM: f64 = 1e-6;
 /// Enough for any ray that can be aimed at all; three or four are usual.
 const NEWTON_STEPS: usize = 20;
 
+/// Step of finite differences on the sensor, mm: far smaller than a groove, far larger than rounding.
+const DERIVATIVE_STEP_MM: f64 = 1e-5;
+
 /// One band of a camera with a Fresnel lens.
 #[derive(Debug, Clone)]
 pub(crate) struct FresnelBand {
@@ -229,36 +232,40 @@ impl FresnelBand {
 
     /// Share and upright image position of the ray through a pupil point and the object point, if it gets through.
     fn aimed_share(&self, map: &Linear, object_mm: [f64; 3], pupil: [f64; 2]) -> Option<(f64, [f64; 2])> {
-        let [x_mm, y_mm, z_mm] = object_mm;
-        let meets = |image_mm: [f64; 2]| self.refract(&self.launch(image_mm, pupil).0).ok();
-        let mut image_mm = [0, 1].map(|k| (object_mm[k] - map.component(k, pupil[k], 0.0)) / map.per_image);
-        // Newton's method with the ideal lens's derivative, which the real one's differs from by some per cent.
-        let mut found = None;
-        for _ in 0..NEWTON_STEPS {
-            let ray = meets(image_mm)?;
-            let at_mm = ray.at(z_mm);
-            let miss_mm = [x_mm - at_mm[0], y_mm - at_mm[1]];
-            if miss_mm[0].hypot(miss_mm[1]) < AIM_TOLERANCE_MM {
-                found = Some((ray, at_mm));
-                break;
-            }
-            image_mm = [0, 1].map(|k| image_mm[k] + miss_mm[k] / map.per_image);
-        }
-        let (ray, found_mm) = found?;
+        let (image_mm, ray) = self.aim(map, object_mm, pupil)?;
         let (start, weight) = self.launch(image_mm, pupil);
         self.check_behind(&start).and_then(|()| self.check_in_front(&ray)).ok()?;
-        let step_mm = 1e-5;
-        let beside = |k: usize| {
-            let mut moved_mm = image_mm;
-            moved_mm[k] += step_mm;
-            meets(moved_mm).map(|ray| [0, 1].map(|j| (ray.at(z_mm)[j] - found_mm[j]) / step_mm))
+        let (z_mm, at_mm) = (object_mm[2], ray.at(object_mm[2]));
+        let derivative = |k: usize| {
+            let mut beside_mm = image_mm;
+            beside_mm[k] += DERIVATIVE_STEP_MM;
+            let moved_mm = self.refract(&self.launch(beside_mm, pupil).0).ok()?.at(z_mm);
+            Some([0, 1].map(|j| (moved_mm[j] - at_mm[j]) / DERIVATIVE_STEP_MM))
         };
         let unit = map.per_image * map.per_image;
-        let determinant = match (beside(0), beside(1)) {
-            (Some(along_x), Some(along_y)) => (along_x[0] * along_y[1] - along_x[1] * along_y[0]).abs(),
+        let determinant = match (derivative(0), derivative(1)) {
+            (Some(x), Some(y)) => (x[0] * y[1] - x[1] * y[0]).abs(),
+            // A riser next door says nothing about this ray.
             _ => unit,
         };
         Some((weight * unit / determinant, image_mm))
+    }
+
+    /// The upright image position whose ray through a pupil point meets the object point, and that ray in object
+    /// space, if the lens lets it through.
+    fn aim(&self, map: &Linear, object_mm: [f64; 3], pupil: [f64; 2]) -> Option<([f64; 2], ObjectRay)> {
+        let mut image_mm = [0, 1].map(|k| (object_mm[k] - map.component(k, pupil[k], 0.0)) / map.per_image);
+        // Newton's method with the ideal lens's derivative, which the real one's differs from by some per cent.
+        for _ in 0..NEWTON_STEPS {
+            let ray = self.refract(&self.launch(image_mm, pupil).0).ok()?;
+            let at_mm = ray.at(object_mm[2]);
+            let miss_mm = [object_mm[0] - at_mm[0], object_mm[1] - at_mm[1]];
+            if miss_mm[0].hypot(miss_mm[1]) < AIM_TOLERANCE_MM {
+                return Some((image_mm, ray));
+            }
+            image_mm = [0, 1].map(|k| image_mm[k] + miss_mm[k] / map.per_image);
+        }
+        None
     }
 }
 

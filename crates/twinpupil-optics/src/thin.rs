@@ -22,7 +22,7 @@ use crate::stop::{Stop, holds};
 use crate::{Footprint, ObjectRays, RayLedger, RayStarts};
 
 /// Rays traced stop by stop before the next ones are started: their positions stay in the first-level cache.
-const BLOCK: usize = 512;
+const BLOCK: usize = 256;
 
 /// One band of a camera with a thin lens.
 #[derive(Debug, Clone)]

@@ -12,23 +12,14 @@ fn followed(instrument: &Instrument, band: usize, image_mm: [f64; 2], pupil: [f6
     // The lens point that sends the ray through the pupil point, by trial of two lens points.
     let axis = |k: usize| {
         let s = -image_mm[k];
-        let line = |a: f64| (a, -(s - a) / l - a / f);
-        let height = |a: f64, t: f64| if t >= 0.0 { a + (s - a) * t / l } else { line(a).0 + line(a).1 * -t };
-        // Towards the object the slope changes sign with the direction of travel.
+        let slope = |a: f64| (a - s) / l - a / f;
+        let height = |a: f64, t: f64| if t >= 0.0 { a + (s - a) * t / l } else { a + slope(a) * -t };
         let d = projection.pupil_position_mm;
         let (h0, h1) = (height(0.0, d), height(1.0, d));
         let aim = projection.pupil_centre_mm[k] + projection.pupil_radius_mm * pupil[k];
         let a = (aim - h0) / (h1 - h0);
-        let object = (a, (a - s) / l - a / f);
-        let heights: Vec<f64> = instrument
-            .apertures
-            .iter()
-            .map(|mask| {
-                let t = mask.position_mm;
-                if t >= 0.0 { height(a, t) } else { object.0 + object.1 * -t }
-            })
-            .collect();
-        (object, heights)
+        let heights: Vec<f64> = instrument.apertures.iter().map(|mask| height(a, mask.position_mm)).collect();
+        ((a, slope(a)), heights)
     };
     let ((x, hx), (y, hy)) = (axis(0), axis(1));
     let passes = instrument.apertures.iter().enumerate().all(|(i, mask)| {
@@ -168,6 +159,17 @@ fn an_unclipped_pupil_has_mean_weight_one_and_its_image_at_the_chief_ray() {
         assert!((image.centroid.x_mm - expected.x_mm).abs() < 1e-13);
         assert!((image.centroid.y_mm - expected.y_mm).abs() < 1e-13);
     }
+}
+
+#[test]
+fn a_pupil_in_focus_is_refused() {
+    let mut spec = paper::instrument().into_spec();
+    spec.apertures.drain(1..);
+    spec.apertures[0].position_mm = -151.0 * 100.0 / 51.0;
+    spec.apertures[0].zones.truncate(1);
+    spec.apertures[0].zones[0].pass = vec!["red".to_owned(), "blue".to_owned()];
+    let message = Camera::new(&Instrument::new(spec).unwrap()).expect_err("in focus").to_string();
+    assert!(message.starts_with("`aperture[0].position_mm` is -296.07") && !message.contains('\n'), "{message}");
 }
 
 #[test]
