@@ -4,10 +4,10 @@
 //! k starts at depth 0 at its peak, radius `k · pitch`, and falls towards the next peak. There a riser leads down
 //! again: a cone, wider at its foot by the draft angle so that the mould comes off, which eats into the facet inside.
 //!
-//! A lens whose profile is one conic, cut up and pushed back onto a plane, has its focus pushed along, by up to 2.6 mm of 100
-//! for light at 16 mm from the axis. Real Fresnel lenses are cut for the plane they lie in, and so is this one. Every
-//! facet has the conic constant of the plano-convex lens that is free of spherical aberration, with the vertex and
-//! curvature that put its focus where that of the central groove is:
+//! A lens whose profile is one conic, cut up and pushed back onto a plane, has its focus pushed along, by up to 2.6 mm
+//! of 100 for light at 16 mm from the axis. Real Fresnel lenses are cut for the plane they lie in, and so is this one.
+//! Every facet has the conic constant of the plano-convex lens that is free of spherical aberration, with the vertex
+//! and curvature that put its focus where that of the central groove is:
 //!
 //! - Grooves towards the image: hyperboloids, k = −n², about the focal point. A parallel beam meets there exactly.
 //! - Grooves towards the object: ellipsoids, k = −1/n², about points within the glass that the flat face images into
