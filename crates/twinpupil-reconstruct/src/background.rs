@@ -14,8 +14,8 @@ pub enum Polarity {
     Dark,
 }
 
-/// Every how many pixels the plane is sampled.
-const STRIDE: usize = 4;
+/// Number of pixels that tell the background, about; they are spread evenly over the plane.
+const SAMPLES: usize = 16_384;
 
 /// Share of a tile that is surely ground, however many features it holds.
 const GROUND_SHARE: f64 = 0.1;
@@ -57,7 +57,7 @@ impl Background {
             }
             let limit = (limit * contrast).max(GROUND_SIGMAS * ground.pixel_noise.max(0.5) as f32);
             let near: Vec<Sample> = samples.iter().filter(|sample| ground.away(sample) <= limit).copied().collect();
-            ground.surface.fit(&near);
+            ground.surface.fit(&near, samples.len());
             ground.mean = ground.surface.mean();
         }
         ground
@@ -78,13 +78,19 @@ impl Background {
     }
 }
 
-/// Every [`STRIDE`]-th pixel of a plane in both directions.
+/// Columns and rows from one sample to the next.
+fn stride(plane: &PlaneView<'_>) -> usize {
+    (((plane.columns * plane.rows) as f64 / SAMPLES as f64).sqrt() as usize).clamp(1, 8)
+}
+
+/// Pixels spread evenly over a plane.
 fn samples(plane: &PlaneView<'_>) -> Vec<Sample> {
+    let stride = stride(plane);
     let sample = |row: usize| {
-        let codes = plane.row(row).enumerate().step_by(STRIDE);
+        let codes = plane.row(row).enumerate().step_by(stride);
         codes.map(move |(column, code)| Sample { column: column as u32, row: row as u32, code: f32::from(code) })
     };
-    (0..plane.rows).step_by(STRIDE).flat_map(sample).collect()
+    (0..plane.rows).step_by(stride).flat_map(sample).collect()
 }
 
 /// The polarity whose tail about the local median is the longer.
@@ -98,10 +104,11 @@ fn longer_tail(samples: &[Sample], surface: &mut Surface) -> Polarity {
 /// Noise of one pixel from second differences along rows, which a slope does not reach: 1.4826 × their median size,
 /// over √6.
 fn pixel_noise(plane: &PlaneView<'_>) -> f64 {
+    let stride = stride(plane);
     let mut differences = Vec::new();
-    for row in (0..plane.rows).step_by(STRIDE) {
+    for row in (0..plane.rows).step_by(stride) {
         let codes: Vec<f32> = plane.row(row).map(f32::from).collect();
-        differences.extend(codes.windows(3).step_by(STRIDE).map(|c| (c[0] - 2.0 * c[1] + c[2]).abs()));
+        differences.extend(codes.windows(3).step_by(stride).map(|c| (c[0] - 2.0 * c[1] + c[2]).abs()));
     }
     1.4826 * f64::from(quantile(&mut differences, 0.5)) / 6.0_f64.sqrt()
 }

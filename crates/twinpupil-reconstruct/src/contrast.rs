@@ -72,6 +72,13 @@ impl Contrast {
         (1.0 - fr) * ((1.0 - fc) * upper[0] + fc * upper[1]) + fr * ((1.0 - fc) * lower[0] + fc * lower[1])
     }
 
+    /// Filtered contrast of the pixel nearest to a position, `None` outside the plane.
+    pub(crate) fn smooth_near(&self, column: f64, row: f64) -> Option<f32> {
+        let (c, r) = (column.round(), row.round());
+        let inside = c >= 0.0 && r >= 0.0 && c < self.columns as f64 && r < self.rows as f64;
+        inside.then(|| self.smooth[r as usize * self.columns + c as usize])
+    }
+
     /// The code that a pixel of this contrast read.
     pub(crate) fn code(&self, signal: f32) -> f64 {
         match self.polarity {

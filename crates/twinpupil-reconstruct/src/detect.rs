@@ -78,7 +78,7 @@ pub struct Detection {
     pub background_codes: f64,
 }
 
-/// Features are followed down to this share of the typical height, where skirts end.
+/// Skirts are followed down to this share of the typical height.
 const SKIRT: f32 = 0.02;
 
 /// Two summits are one feature unless the saddle lies below this share of the lower.
@@ -110,9 +110,11 @@ fn find(contrast: &Contrast, options: &DetectOptions) -> Vec<Outline> {
     let mut standing_out: Vec<f32> =
         contrast.smooth.iter().step_by(7).copied().filter(|value| *value > significant).collect();
     let typical = quantile(&mut standing_out, 0.9);
-    let floor = (SKIRT * typical).max(options.significance_min as f32 * contrast.smooth_noise);
+    let noise = options.significance_min as f32 * contrast.smooth_noise;
+    let floor = (0.5 * options.relative_contrast_min as f32 * typical).max(noise);
     let rule = FloodRule { floor, saddle: SADDLE, pixels_min: (options.pixels_min / 2).max(1) as u32 };
-    let mut found = outlines(contrast, &flood(&contrast.smooth, contrast.columns, rule));
+    let basins = flood(&contrast.smooth, contrast.columns, rule);
+    let mut found = outlines(contrast, &basins, (SKIRT * typical).max(noise));
     found.retain(|outline| outline.height > significant);
     found
 }

@@ -32,34 +32,37 @@ const LEVELS: usize = 4096;
 /// beside it joins that, and where two meet they become one unless both stand out above the saddle (the *dynamics* of
 /// the lower summit).
 pub(crate) fn flood(surface: &[f32], columns: usize, rule: FloodRule) -> Basins {
-    let order = from_the_highest(surface, rule.floor);
     let mut labels = vec![NONE; surface.len()];
     let mut forest = Forest::default();
-    for index in order {
+    for index in from_the_highest(surface, rule.floor) {
         let index = index as usize;
-        let mut home: Option<(u32, f32)> = None;
-        for neighbour in neighbours(index, columns, surface.len()) {
-            if labels[neighbour] == NONE {
+        let mut home = NONE;
+        let mut home_height = f32::NEG_INFINITY;
+        let mut last = NONE;
+        for neighbour in Neighbours::of(index, columns, surface.len()) {
+            let label = labels[neighbour];
+            if label == NONE {
                 continue;
             }
-            let basin = forest.root(labels[neighbour]);
             let height = surface[neighbour];
-            home = Some(match home {
-                None => (basin, height),
-                Some((own, own_height)) if own == basin => (own, own_height.max(height)),
-                Some((own, own_height)) => match forest.meet(own, basin, surface[index], rule) {
-                    Some(joined) => (joined, own_height.max(height)),
-                    None if height > own_height => (basin, height),
-                    None => (own, own_height),
-                },
-            });
+            // Most neighbours carry the label of the one before.
+            let basin = if label == last { home } else { forest.root(label) };
+            last = label;
+            if home == NONE || basin == home {
+                (home, home_height) = (basin, home_height.max(height));
+            } else if let Some(joined) = forest.meet(home, basin, surface[index], rule) {
+                (home, home_height) = (joined, home_height.max(height));
+            } else if height > home_height {
+                (home, home_height) = (basin, height);
+            } else {
+                last = NONE;
+            }
         }
-        let basin = match home {
-            Some((basin, _)) => forest.root(basin),
-            None => forest.open(surface[index]),
-        };
-        forest.pixels[basin as usize] += 1;
-        labels[index] = basin;
+        if home == NONE {
+            home = forest.open(surface[index]);
+        }
+        forest.pixels[home as usize] += 1;
+        labels[index] = home;
     }
     forest.number(labels)
 }
@@ -90,13 +93,50 @@ fn from_the_highest(surface: &[f32], floor: f32) -> Vec<u32> {
 }
 
 /// The up to eight pixels around one.
-fn neighbours(index: usize, columns: usize, pixels: usize) -> impl Iterator<Item = usize> {
-    let (column, row, rows) = (index % columns, index / columns, pixels / columns);
-    let left = column.saturating_sub(1);
-    let right = (column + 1).min(columns - 1);
-    (row.saturating_sub(1)..=(row + 1).min(rows - 1))
-        .flat_map(move |r| (left..=right).map(move |c| r * columns + c))
-        .filter(move |&other| other != index)
+struct Neighbours {
+    index: usize,
+    offsets: &'static [(isize, isize)],
+    columns: isize,
+    /// On which sides there are neighbours at all.
+    left: bool,
+    right: bool,
+    above: bool,
+    below: bool,
+}
+
+const AROUND: [(isize, isize); 8] = [(-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1)];
+
+impl Neighbours {
+    fn of(index: usize, columns: usize, pixels: usize) -> Self {
+        let column = index % columns;
+        Self {
+            index,
+            offsets: &AROUND,
+            columns: columns as isize,
+            left: column > 0,
+            right: column + 1 < columns,
+            above: index >= columns,
+            below: index + columns < pixels,
+        }
+    }
+}
+
+impl Iterator for Neighbours {
+    type Item = usize;
+
+    fn next(&mut self) -> Option<usize> {
+        while let Some((&(right, down), rest)) = self.offsets.split_first() {
+            self.offsets = rest;
+            let exists = (right >= 0 || self.left)
+                && (right <= 0 || self.right)
+                && (down >= 0 || self.above)
+                && (down <= 0 || self.below);
+            if exists {
+                return Some(self.index.wrapping_add_signed(down * self.columns + right));
+            }
+        }
+        None
+    }
 }
 
 /// Basins while they grow, as a union–find forest.

@@ -15,9 +15,9 @@ pub(crate) struct Sample {
 /// Distance from node to node, pixels of the plane, about.
 const SPACING: usize = 64;
 
-/// Weight of a node's curvature against one sample. A node has some 250 samples about it, so where there is ground it
+/// Weight of a node's curvature against all the samples that a node has about it: where there is ground the surface
 /// follows the ground, and across features it runs straight on.
-const STIFFNESS: f64 = 100.0;
+const STIFFNESS: f64 = 0.4;
 
 /// Levels on a lattice of nodes that spans the plane.
 #[derive(Debug, Clone)]
@@ -57,9 +57,15 @@ impl Surface {
                 upper + fj * (lower - upper)
             })
             .collect();
-        for (column, level) in levels.iter_mut().enumerate() {
-            let (i, fi) = cell(column as f32, self.width, self.across);
-            *level = line[i] + fi * (line[i + 1] - line[i]);
+        let mut start = 0;
+        for (i, ends) in line.windows(2).enumerate() {
+            let end = (((i + 1) as f32 * self.width - 0.5).ceil() as usize).min(levels.len());
+            let slope = (ends[1] - ends[0]) / self.width;
+            let first = ends[0] + slope * (start as f32 + 0.5 - i as f32 * self.width);
+            for (k, level) in levels[start..end].iter_mut().enumerate() {
+                *level = first + slope * k as f32;
+            }
+            start = end;
         }
     }
 
@@ -90,15 +96,17 @@ impl Surface {
         block(j, self.down).flat_map(move |row| columns.clone().map(move |column| row * across + column))
     }
 
-    /// Fits the surface to samples: least squares with a penalty on curvature, by conjugate gradients from where it is.
+    /// Fits the surface to samples, of which an unmasked plane would have `everywhere`: least squares with a penalty on
+    /// curvature, by conjugate gradients from where the surface is.
     ///
     /// ```text
-    /// Σ (code − surface)² + STIFFNESS · Σ (second differences along rows and columns)²  →  min
+    /// Σ (code − surface)² + stiffness · Σ (second differences along rows and columns)²  →  min
     /// ```
-    pub(crate) fn fit(&mut self, samples: &[Sample]) {
+    pub(crate) fn fit(&mut self, samples: &[Sample], everywhere: usize) {
         const STEPS: usize = 60;
         const RESTING: f64 = 1e-10;
-        let normal = Normal::new(self, samples);
+        let stiffness = STIFFNESS * everywhere as f64 / self.levels.len() as f64;
+        let normal = Normal::new(self, samples, stiffness);
         let mut x: Vec<f64> = self.levels.iter().map(|&level| f64::from(level)).collect();
         let applied = normal.apply(&x);
         let mut residual: Vec<f64> = normal.right.iter().zip(&applied).map(|(b, a)| b - a).collect();
@@ -158,12 +166,14 @@ struct Normal {
     /// For every node its couplings to the 3×3 nodes about it, row by row.
     couplings: Vec<[f64; 9]>,
     right: Vec<f64>,
+    stiffness: f64,
 }
 
 impl Normal {
-    fn new(surface: &Surface, samples: &[Sample]) -> Self {
+    fn new(surface: &Surface, samples: &[Sample], stiffness: f64) -> Self {
         let nodes = surface.levels.len();
-        let mut normal = Self { across: surface.across, couplings: vec![[0.0; 9]; nodes], right: vec![0.0; nodes] };
+        let (across, right) = (surface.across, vec![0.0; nodes]);
+        let mut normal = Self { across, couplings: vec![[0.0; 9]; nodes], right, stiffness };
         for sample in samples {
             let support = surface.support(sample).map(|(node, weight)| (node, f64::from(weight)));
             for (a, &(node, weight)) in support.iter().enumerate() {
@@ -188,7 +198,7 @@ impl Normal {
             }
         }
         let mut bend = |a: usize, b: usize, c: usize| {
-            let curvature = STIFFNESS * (x[a] - 2.0 * x[b] + x[c]);
+            let curvature = self.stiffness * (x[a] - 2.0 * x[b] + x[c]);
             out[a] += curvature;
             out[b] -= 2.0 * curvature;
             out[c] += curvature;
@@ -225,7 +235,7 @@ mod tests {
             .filter(|s| !(60..160).contains(&s.column) || s.row > 100)
             .collect();
         let mut surface = surface();
-        surface.fit(&samples);
+        surface.fit(&samples, 60 * 38);
         for (column, row) in [(3, 3), (110, 40), (200, 140)] {
             let expected = sample(column, row);
             assert!((surface.at(&expected) - expected.code).abs() < 0.05, "{} {expected:?}", surface.at(&expected));
@@ -238,7 +248,7 @@ mod tests {
     #[test]
     fn no_samples_leave_the_surface_as_it_was() {
         let mut surface = Surface { levels: vec![7.0; 20], ..surface() };
-        surface.fit(&[]);
+        surface.fit(&[], 2000);
         assert_eq!(surface.levels, vec![7.0; 20]);
     }
 }
