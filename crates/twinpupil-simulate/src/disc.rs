@@ -4,6 +4,7 @@ use multiversion::multiversion;
 use twinpupil_optics::ObjectRays;
 
 use crate::dot::Dot;
+use crate::ray::Ray;
 
 /// A dot as the rays of one band meet it.
 ///
@@ -46,11 +47,10 @@ impl Disc {
 
     /// How much this dot covers along one ray, and where the ray meets the dot's plane.
     #[inline(always)]
-    pub(crate) fn coverage(&self, x_mm: f64, y_mm: f64, slope_x: f64, slope_y: f64) -> (f64, f64) {
-        let [a, b] = self.slope;
-        let rise_mm = a * (x_mm - self.x_mm) + b * (y_mm - self.y_mm);
-        let z_mm = (self.z_mm + rise_mm) / (1.0 - a * slope_x - b * slope_y);
-        let (dx, dy, dz) = (x_mm + slope_x * z_mm - self.x_mm, y_mm + slope_y * z_mm - self.y_mm, z_mm - self.z_mm);
+    pub(crate) fn coverage(&self, ray: &Ray) -> (f64, f64) {
+        let z_mm = ray.meets_plane([self.x_mm, self.y_mm, self.z_mm], self.slope);
+        let ([x_mm, y_mm], [a, b]) = (ray.at(z_mm), self.slope);
+        let (dx, dy, dz) = (x_mm - self.x_mm, y_mm - self.y_mm, z_mm - self.z_mm);
         let square_mm2 = dx * dx + dy * dy + dz * dz;
         // Length on the dot of a step across the axis, straight towards the nearest edge; 1 in the centre.
         let (gx, gy) = (dx + a * dz, dy + b * dz);
@@ -75,7 +75,9 @@ fn add_flat(disc: &Disc, rays: &ObjectRays, coverage: &mut [f64]) {
     let positions = rays.x_mm.iter().zip(&rays.y_mm);
     let slopes = rays.slope_x.iter().zip(&rays.slope_y);
     for ((coverage, (x_mm, y_mm)), (slope_x, slope_y)) in coverage.iter_mut().zip(positions).zip(slopes) {
-        let (dx, dy) = (x_mm + slope_x * disc.z_mm - disc.x_mm, y_mm + slope_y * disc.z_mm - disc.y_mm);
+        let ray = Ray { x_mm: *x_mm, y_mm: *y_mm, slope_x: *slope_x, slope_y: *slope_y };
+        let [x_mm, y_mm] = ray.at(disc.z_mm);
+        let (dx, dy) = (x_mm - disc.x_mm, y_mm - disc.y_mm);
         *coverage += disc.risen(dx * dx + dy * dy, disc.shadow_mm);
     }
 }
@@ -85,7 +87,8 @@ fn add_tilted(disc: &Disc, rays: &ObjectRays, coverage: &mut [f64]) {
     let positions = rays.x_mm.iter().zip(&rays.y_mm);
     let slopes = rays.slope_x.iter().zip(&rays.slope_y);
     for ((coverage, (x_mm, y_mm)), (slope_x, slope_y)) in coverage.iter_mut().zip(positions).zip(slopes) {
-        *coverage += disc.coverage(*x_mm, *y_mm, *slope_x, *slope_y).0;
+        let ray = Ray { x_mm: *x_mm, y_mm: *y_mm, slope_x: *slope_x, slope_y: *slope_y };
+        *coverage += disc.coverage(&ray).0;
     }
 }
 
@@ -98,12 +101,16 @@ mod tests {
         Dot { centre_mm: [0.0, 0.0, 300.0], normal: [sin, 0.0, -cos], diameter_mm }
     }
 
+    fn along_axis(x_mm: f64, y_mm: f64) -> Ray {
+        Ray { x_mm, y_mm, slope_x: 0.0, slope_y: 0.0 }
+    }
+
     /// Area seen along the axis, by parallel rays on a fine grid.
     fn area_mm2(disc: &Disc, half_width_mm: f64) -> f64 {
         let steps = 1000;
         let step_mm = 2.0 * half_width_mm / f64::from(steps);
         let place_mm = |k: i32| (f64::from(k) + 0.5) * step_mm - half_width_mm;
-        let row = |j: i32| (0..steps).map(|i| disc.coverage(place_mm(i), place_mm(j), 0.0, 0.0).0).sum::<f64>();
+        let row = |j: i32| (0..steps).map(|i| disc.coverage(&along_axis(place_mm(i), place_mm(j))).0).sum::<f64>();
         (0..steps).map(row).sum::<f64>() * step_mm * step_mm
     }
 
@@ -133,7 +140,7 @@ mod tests {
             let mut coverage = vec![0.25; 5];
             disc.add_coverage(&rays, &mut coverage);
             for (i, together) in coverage[..4].iter().enumerate() {
-                let alone = disc.coverage(rays.x_mm[i], rays.y_mm[i], rays.slope_x[i], rays.slope_y[i]).0;
+                let alone = disc.coverage(&Ray::of(&rays, i)).0;
                 assert!((together - 0.25 - alone).abs() < 1e-12);
             }
             assert!(coverage[4].is_nan());
@@ -143,10 +150,10 @@ mod tests {
     #[test]
     fn a_tilted_dot_is_met_where_the_ray_crosses_its_plane() {
         let disc = Disc::new(&dot(1.0, 45.0), 0.01);
-        let (coverage, z_mm) = disc.coverage(0.2, 0.0, 0.0, 0.0);
+        let (coverage, z_mm) = disc.coverage(&along_axis(0.2, 0.0));
         assert!((z_mm - 300.2).abs() < 1e-12 && coverage == 1.0);
         // The rim lies at x = R cos 45°.
-        let (rim, _) = disc.coverage(0.5 * 0.5_f64.sqrt(), 0.0, 0.0, 0.0);
+        let (rim, _) = disc.coverage(&along_axis(0.5 * 0.5_f64.sqrt(), 0.0));
         assert!((rim - 0.5).abs() < 1e-9);
     }
 }

@@ -15,6 +15,8 @@ mod light;
 mod packing;
 pub mod paper;
 mod plate;
+mod progress;
+mod ray;
 mod render;
 mod sampling;
 mod scene;

@@ -1,7 +1,5 @@
 //! The light that every pixel receives in every band, integrated over the pupil and the pixel.
 
-use std::sync::atomic::{AtomicUsize, Ordering};
-
 use rayon::prelude::*;
 use twinpupil_instrument::{ImagePoint, Instrument, PixelPoint, Projection, Sensor};
 use twinpupil_optics::{BandOptics, Camera, ObjectRays, RayLedger, RayStarts};
@@ -11,6 +9,8 @@ use crate::disc::Disc;
 use crate::dot::Dot;
 use crate::index::DotIndex;
 use crate::light::{covered_light, sum};
+use crate::progress::Progress;
+use crate::ray::Ray;
 use crate::sampling::{SampleBank, SampleSet, pupil_cell};
 use crate::scene::Scene;
 use crate::texture::Texture;
@@ -39,8 +39,11 @@ pub(crate) struct Renderer<'a> {
 struct BandView<'a> {
     optics: &'a BandOptics,
     projection: Projection,
+    pitch_mm: f64,
     /// In the order of the scene's dots.
     discs: Vec<Disc>,
+    /// Width of the widest shadow of a ray on a dot.
+    shadow_mm_max: f64,
 }
 
 /// What a bundle of rays meets.
@@ -73,18 +76,7 @@ pub(crate) type WantedCell = [[bool; 2]; 2];
 impl<'a> Renderer<'a> {
     pub(crate) fn new(instrument: &'a Instrument, camera: &'a Camera, scene: &'a Scene, pupil_samples: usize) -> Self {
         let sensor = &instrument.sensor;
-        let view = |(band, optics)| {
-            let projection = instrument.projection(band);
-            let disc = |dot: &Dot| {
-                let z_mm = dot.centre_mm[2];
-                let pixel_mm = object_length_mm(&projection, sensor.pitch_mm, z_mm);
-                let blur_mm = object_length_mm(&projection, projection.blur_radius_mm(z_mm), z_mm);
-                // `max` comes first: it also catches the NaN of a pupil that no pencil of rays fills.
-                let shadow_mm = pixel_mm.hypot(blur_mm * pupil_cell(pupil_samples)).max(SHADOW_MM_MIN);
-                Disc::new(dot, shadow_mm.min(SHADOW_MM_MAX))
-            };
-            BandView { optics, projection, discs: scene.dots().iter().map(disc).collect() }
-        };
+        let view = |(band, optics)| BandView::new(optics, instrument.projection(band), sensor, scene, pupil_samples);
         Self {
             scene,
             sensor,
@@ -97,12 +89,12 @@ impl<'a> Renderer<'a> {
 
     /// Electrons of unit response in every wanted pixel of a band, row by row, and what became of the rays.
     ///
-    /// `step` is called after every row of tiles.
+    /// `progress` steps after every row of tiles.
     pub(crate) fn band_electrons(
         &self,
         band: usize,
         wanted: WantedCell,
-        step: &(dyn Fn() + Sync),
+        progress: &Progress<'_>,
     ) -> (Vec<f64>, RayLedger) {
         let [width_px, height_px] = self.sensor.size_px;
         let mut electrons = vec![0.0; width_px * height_px];
@@ -112,7 +104,7 @@ impl<'a> Renderer<'a> {
                 for column in (0..width_px).step_by(TILE_PX) {
                     self.tile(band, [column, tile_row * TILE_PX], wanted, rows, workspace);
                 }
-                step();
+                progress.step();
                 std::mem::take(&mut workspace.ledger)
             })
             .reduce(RayLedger::default, |mut sum, ledger| {
@@ -180,7 +172,8 @@ impl<'a> Renderer<'a> {
         if !self.scene.dots().is_empty() {
             let [near_mm, far_mm] = self.index.z_mm;
             let (low_mm, high_mm) = bundle.rectangle_mm(near_mm, far_mm);
-            self.index.find(low_mm, high_mm, nearby);
+            let shadow_mm = self.bands[band].shadow_mm_max;
+            self.index.find(low_mm.map(|c| c - shadow_mm), high_mm.map(|c| c + shadow_mm), nearby);
         }
         let picture = self.scene.texture().is_some_and(|texture| may_meet(bundle, texture));
         self.look_at(band, bundle, nearby, picture, tile);
@@ -231,22 +224,22 @@ impl<'a> Renderer<'a> {
     /// Mean of what the traced rays bring back from the pixel's prospect.
     fn sampled_e(&self, band: usize, samples: &SampleSet, workspace: &mut Workspace) -> f64 {
         let Workspace { pixel, rays, coverage, .. } = workspace;
-        let discs = &self.bands[band].discs;
+        let view = &self.bands[band];
         let (ground_e, feature_e) = (self.scene.background_e, self.scene.brightness_e);
         let total_e = match self.scene.texture().filter(|_| pixel.picture) {
             None => {
                 coverage.clear();
                 coverage.resize(rays.len(), 0.0);
-                pixel.dots.iter().for_each(|&id| discs[id].add_coverage(rays, coverage));
+                pixel.dots.iter().for_each(|&id| view.discs[id].add_coverage(rays, coverage));
                 let (light, covered) = covered_light(&rays.weight, coverage);
                 ground_e * light + (feature_e - ground_e) * covered
             }
-            Some(texture) => weighted_sum(rays, |ray| {
-                let (x_mm, y_mm) = (rays.x_mm[ray], rays.y_mm[ray]);
-                let slope = [rays.slope_x[ray], rays.slope_y[ray]];
-                let picture = self.picture_behind(band, texture, [x_mm, y_mm], slope, samples, ray);
-                let dots = pixel.dots.iter().map(|&id| discs[id].coverage(x_mm, y_mm, slope[0], slope[1]));
+            Some(texture) => weighted_sum(rays, |index| {
+                let ray = Ray::of(rays, index);
+                let offset_px = [samples.offset_u_px[index], samples.offset_v_px[index]];
+                let picture = view.picture_hit(texture, &ray, offset_px);
                 // The picture hides what lies behind it.
+                let dots = pixel.dots.iter().map(|&id| view.discs[id].coverage(&ray));
                 let covered: f64 = dots.filter(|(_, z_mm)| *z_mm < picture.z_mm).map(|(coverage, _)| coverage).sum();
                 let behind_e = ground_e + (feature_e - ground_e) * picture.value;
                 behind_e + (feature_e - behind_e) * covered.min(1.0)
@@ -254,25 +247,36 @@ impl<'a> Renderer<'a> {
         };
         total_e / self.pupil_samples as f64
     }
+}
 
-    /// What a ray sees of the picture at its own place in the pixel.
-    fn picture_behind(
-        &self,
-        band: usize,
-        texture: &Texture,
-        position_mm: [f64; 2],
-        slope: [f64; 2],
-        samples: &SampleSet,
-        ray: usize,
-    ) -> PictureHit {
+impl<'a> BandView<'a> {
+    fn new(
+        optics: &'a BandOptics,
+        projection: Projection,
+        sensor: &Sensor,
+        scene: &Scene,
+        pupil_samples: usize,
+    ) -> Self {
+        let disc = |dot: &Dot| {
+            let z_mm = dot.centre_mm[2];
+            let pixel_mm = object_length_mm(&projection, sensor.pitch_mm, z_mm);
+            let blur_mm = object_length_mm(&projection, projection.blur_radius_mm(z_mm), z_mm);
+            // `max` comes first: it also catches the NaN of a pupil that no pencil of rays fills.
+            let shadow_mm = pixel_mm.hypot(blur_mm * pupil_cell(pupil_samples)).max(SHADOW_MM_MIN);
+            Disc::new(dot, shadow_mm.min(SHADOW_MM_MAX))
+        };
+        let discs: Vec<Disc> = scene.dots().iter().map(disc).collect();
+        let shadow_mm_max = discs.iter().map(|disc| disc.shadow_mm).fold(0.0, f64::max);
+        Self { optics, projection, pitch_mm: sensor.pitch_mm, discs, shadow_mm_max }
+    }
+
+    /// What a ray sees of the picture at its own place in the pixel, which is moved there on the plate.
+    fn picture_hit(&self, texture: &Texture, ray: &Ray, offset_px: [f64; 2]) -> PictureHit {
         let pose = texture.pose();
-        let [a, b] = pose.slope;
-        let rise_mm = a * position_mm[0] + b * position_mm[1];
-        let z_mm = (pose.distance_mm + rise_mm) / (1.0 - a * slope[0] - b * slope[1]);
-        let shadow_mm = object_length_mm(&self.bands[band].projection, self.sensor.pitch_mm, z_mm);
-        let x_mm = position_mm[0] + slope[0] * z_mm + shadow_mm * samples.offset_u_px[ray];
-        let y_mm = position_mm[1] + slope[1] * z_mm + shadow_mm * samples.offset_v_px[ray];
-        match texture.at(x_mm, y_mm) {
+        let z_mm = ray.meets_plane([0.0, 0.0, pose.distance_mm], pose.slope);
+        let [x_mm, y_mm] = ray.at(z_mm);
+        let pixel_mm = object_length_mm(&self.projection, self.pitch_mm, z_mm);
+        match texture.at(x_mm + pixel_mm * offset_px[0], y_mm + pixel_mm * offset_px[1]) {
             Some(value) => PictureHit { value, z_mm },
             None => PictureHit { value: 0.0, z_mm: f64::INFINITY },
         }
@@ -302,22 +306,4 @@ fn may_meet(bundle: &Bundle<'_>, texture: &Texture) -> bool {
 fn weighted_sum(rays: &ObjectRays, value: impl Fn(usize) -> f64) -> f64 {
     // Positions of lost rays mean nothing and may be NaN, so they are not multiplied by their weight of zero.
     rays.weight.iter().enumerate().map(|(ray, &weight)| if weight > 0.0 { weight * value(ray) } else { 0.0 }).sum()
-}
-
-/// Counts steps and reports the share that is done, 0 to 1.
-pub(crate) struct Progress<'a> {
-    done: AtomicUsize,
-    steps: usize,
-    report: &'a (dyn Fn(f64) + Sync),
-}
-
-impl<'a> Progress<'a> {
-    pub(crate) fn new(steps: usize, report: &'a (dyn Fn(f64) + Sync)) -> Self {
-        Self { done: AtomicUsize::new(0), steps, report }
-    }
-
-    pub(crate) fn step(&self) {
-        let done = 1 + self.done.fetch_add(1, Ordering::Relaxed);
-        (self.report)(done as f64 / self.steps as f64);
-    }
 }

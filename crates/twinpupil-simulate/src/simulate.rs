@@ -6,7 +6,8 @@ use twinpupil_instrument::check::ValueError;
 use twinpupil_instrument::{Frame, FrameError, Instrument, ResponseMatrix};
 use twinpupil_optics::{Camera, OpticsError, RayLedger};
 
-use crate::render::{Progress, Renderer, WantedCell};
+use crate::progress::Progress;
+use crate::render::{Renderer, WantedCell};
 use crate::sampling::PUPIL_SAMPLES_MAX;
 use crate::scene::Scene;
 use crate::sensor::{expected_codes, noisy_codes};
@@ -116,7 +117,7 @@ pub fn expected_electrons(
     let mut ledger = RayLedger::default();
     let mut band_electrons = Vec::with_capacity(bands);
     for band in 0..bands {
-        let (electrons, band_ledger) = renderer.band_electrons(band, mixing.wanted(band), &|| progress.step());
+        let (electrons, band_ledger) = renderer.band_electrons(band, mixing.wanted(band), &progress);
         ledger.merge(&band_ledger);
         band_electrons.push(electrons);
     }

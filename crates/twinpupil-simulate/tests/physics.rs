@@ -74,7 +74,7 @@ fn an_unclipped_dot_is_centred_on_its_projection() {
     const TOLERANCE_PX: f64 = 0.001;
     for role in [Role::Telecentric, Role::Entocentric] {
         for z_mm in [250.0, 300.0, 350.0] {
-            for azimuth_deg in [0.0_f64, 17.0, 111.0, 260.0] {
+            for azimuth_deg in [17.0_f64, 250.0] {
                 let (sin, cos) = azimuth_deg.to_radians().sin_cos();
                 let position_mm = [5.0 * cos, 5.0 * sin, z_mm];
                 let instrument = window_around(role, position_mm, [160, 160]);
@@ -96,7 +96,7 @@ fn a_defocused_dot_keeps_its_light() {
         for (diameter_mm, tolerance) in [(1.0, 1e-3), (0.1, 1e-3), (0.012, 3e-3), (0.004, 3e-2)] {
             let position_mm = [5.0, 2.0, 240.0];
             let instrument = window_around(role, position_mm, [180, 180]);
-            let expectation = expect(&instrument, &one_dot(position_mm, diameter_mm), 4096);
+            let expectation = expect(&instrument, &one_dot(position_mm, diameter_mm), 2048);
             let (sum_e, _) = moments(&expectation.pages[instrument.band_index(role)], 180);
             let magnification = instrument.projection(instrument.band(role)).magnification(240.0);
             let image_radius_px = 0.5 * diameter_mm * magnification / instrument.sensor.pitch_mm;
@@ -300,8 +300,9 @@ proptest! {
             for (a, b) in one.iter().zip(turned.iter().rev()) {
                 prop_assert!((a - b).abs() < 0.05 * BRIGHTNESS_E, "{} {}", a, b);
             }
+            // Relative to an unclipped dot of 0.5 mm, whose image has a radius of 22 pixels.
             let (a, b): (f64, f64) = (one.iter().sum(), turned.iter().sum());
-            prop_assert!((a - b).abs() <= 2e-3 * a.max(1.0));
+            prop_assert!((a - b).abs() <= 2e-3 * BRIGHTNESS_E * PI * 22.0 * 22.0, "{} {}", a, b);
         }
     }
 }
