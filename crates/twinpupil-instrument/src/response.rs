@@ -82,14 +82,12 @@ impl ResponseTable {
         }
     }
 
-    /// `image` moved along its own radius by the deviation of a band at (r, z).
-    pub fn displaced(&self, band: usize, r_mm: f64, z_mm: f64, image: ImagePoint) -> ImagePoint {
-        let radius_mm = image.radius_mm();
-        if radius_mm == 0.0 {
-            return image;
-        }
-        let scale = 1.0 + self.at(band, r_mm, z_mm).radial_deviation_mm / radius_mm;
-        ImagePoint { x_mm: image.x_mm * scale, y_mm: image.y_mm * scale }
+    /// The image of a band at (r, z) and its throughput: the first-order image moved along its own radius.
+    pub fn image(&self, band: usize, r_mm: f64, z_mm: f64, first_order: ImagePoint) -> (ImagePoint, f64) {
+        let PointResponse { throughput, radial_deviation_mm } = self.at(band, r_mm, z_mm);
+        let radius_mm = first_order.radius_mm();
+        let scale = if radius_mm > 0.0 { 1.0 + radial_deviation_mm / radius_mm } else { 1.0 };
+        (ImagePoint { x_mm: first_order.x_mm * scale, y_mm: first_order.y_mm * scale }, throughput)
     }
 }
 

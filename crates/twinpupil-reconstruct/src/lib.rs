@@ -22,6 +22,7 @@ mod outline;
 mod pipeline;
 mod position;
 mod rejection;
+mod slope;
 mod surface;
 mod window;
 

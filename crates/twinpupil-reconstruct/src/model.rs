@@ -30,68 +30,88 @@ impl Model {
         self.projections.map(|projection| projection.magnification(z_mm))
     }
 
-    /// Images of a round feature of a diameter, centred on an object point and facing the camera.
+    /// Images of a round feature: the centroids of all its light.
     ///
-    /// Points of the feature near the axis lose part of their light to the other band's mask, and what is left of
-    /// their blur is off-centre; the centroid of the whole is the mean of the points' centroids by their light.
-    pub(crate) fn images(&self, object_mm: [f64; 3], diameter_mm: f64) -> ImagePair {
-        let chief = self.chief_images(object_mm);
-        let Some(table) = &self.table else { return chief };
-        let [x_mm, y_mm, z_mm] = object_mm;
-        let r_mm = x_mm.hypot(y_mm);
-        if r_mm == 0.0 {
-            return chief;
+    /// Points near the axis lose part of their light to the other band's mask, and what is left of their blur is
+    /// off-centre. On a tilted surface the near half of a disc is imaged larger than the far half. So each centroid is
+    /// the mean over the disc of the points' images, weighted by their light:
+    ///
+    /// ```text
+    /// ∫ w J p dA / ∫ w J dA        p = m(z) X + δ(ρ, z) X/ρ,   J = m² + m m′(z) (X·∇z)
+    /// ```
+    ///
+    /// with the throughput w and the radial deviation δ of the table, and the image area J of an area of the disc.
+    pub(crate) fn images(&self, centre_mm: [f64; 3], disc: &Disc) -> ImagePair {
+        std::array::from_fn(|role| self.image(role, centre_mm, disc))
+    }
+
+    fn image(&self, role: usize, centre_mm: [f64; 3], disc: &Disc) -> ImagePoint {
+        const DIFFERENCE_MM: f64 = 0.01;
+        let projection = &self.projections[role];
+        let z_mm = centre_mm[2];
+        let slope = (projection.magnification(z_mm + DIFFERENCE_MM) - projection.magnification(z_mm - DIFFERENCE_MM))
+            / (2.0 * DIFFERENCE_MM);
+        let (mut light, mut moment) = (0.0, [0.0; 2]);
+        for offset_mm in disc.nodes() {
+            let point_mm: [f64; 3] = std::array::from_fn(|axis| centre_mm[axis] + offset_mm[axis]);
+            let [x_mm, y_mm, z_mm] = point_mm;
+            let chief = projection.image(point_mm);
+            let (image, throughput) = match &self.table {
+                Some(table) => table.image(self.bands[role], x_mm.hypot(y_mm), z_mm, chief),
+                None => (chief, 1.0),
+            };
+            let magnification = projection.magnification(z_mm);
+            let across = x_mm * disc.slopes[0] + y_mm * disc.slopes[1];
+            let stretch = magnification * (magnification + slope * across);
+            light += throughput * stretch;
+            moment[0] += throughput * stretch * image.x_mm;
+            moment[1] += throughput * stretch * image.y_mm;
         }
-        let direction = [x_mm / r_mm, y_mm / r_mm];
-        std::array::from_fn(|role| {
-            let magnification = self.projections[role].magnification(z_mm);
-            let shift_mm = radial_shift_mm(table, self.bands[role], magnification, r_mm, z_mm, 0.5 * diameter_mm);
-            ImagePoint {
-                x_mm: chief[role].x_mm + shift_mm * direction[0],
-                y_mm: chief[role].y_mm + shift_mm * direction[1],
-            }
-        })
+        if light > 0.0 {
+            ImagePoint { x_mm: moment[0] / light, y_mm: moment[1] / light }
+        } else {
+            projection.image(centre_mm)
+        }
     }
 }
 
-/// Rings and spokes of the quadrature over a feature; spokes cover one half, the other is its mirror image.
-const RINGS: usize = 5;
-const SPOKES: usize = 10;
+/// A round feature on a surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Disc {
+    /// Its diameter in the surface, mm.
+    pub(crate) diameter_mm: f64,
+    /// Slopes of the surface, dz/dx and dz/dy.
+    pub(crate) slopes: [f64; 2],
+}
 
-/// How far the centroid of a disc of radius a at (r, z) lies outside its first-order image, along the radius, mm.
-///
-/// ```text
-/// shift = ∫ w(ρ) [ m·(ξ − r) + δ(ρ) ξ/ρ ] dA / ∫ w(ρ) dA        ξ: coordinate along r,  ρ: distance from the axis
-/// ```
-///
-/// with the throughput w and the radial deviation δ of the table, over equal areas of the disc.
-fn radial_shift_mm(
-    table: &ResponseTable,
-    band: usize,
-    magnification: f64,
-    r_mm: f64,
-    z_mm: f64,
-    radius_mm: f64,
-) -> f64 {
-    let (mut light, mut moment) = (0.0, 0.0);
-    for ring in 0..RINGS {
-        let a = radius_mm * ((ring as f64 + 0.5) / RINGS as f64).sqrt();
-        for spoke in 0..SPOKES {
-            let (sin, cos) = (std::f64::consts::PI * (spoke as f64 + 0.5) / SPOKES as f64).sin_cos();
-            let (along, across) = (r_mm + a * cos, a * sin);
-            let rho = along.hypot(across);
-            let response = table.at(band, rho, z_mm);
-            light += response.throughput;
-            let outwards = if rho > 0.0 { along / rho } else { 0.0 };
-            moment += response.throughput * (magnification * (along - r_mm) + response.radial_deviation_mm * outwards);
-        }
+/// Rings and spokes of the quadrature over a disc, over equal areas.
+const RINGS: usize = 5;
+const SPOKES: usize = 16;
+
+impl Disc {
+    /// Points spread over the disc, relative to its centre, mm. Their second moments are the disc's.
+    fn nodes(&self) -> impl Iterator<Item = [f64; 3]> + use<> {
+        let [sx, sy] = self.slopes;
+        // Two unit vectors in the surface: along the steepest slope, where the disc is foreshortened, and across it.
+        let steepest = sx.hypot(sy);
+        let (ux, uy) = if steepest > 0.0 { (sx / steepest, sy / steepest) } else { (1.0, 0.0) };
+        let cos_tilt = 1.0 / 1.0_f64.hypot(steepest);
+        let radius_mm = 0.5 * self.diameter_mm;
+        (0..RINGS * SPOKES).map(move |node| {
+            let (ring, spoke) = (node / SPOKES, node % SPOKES);
+            let a = radius_mm * ((ring as f64 + 0.5) / RINGS as f64).sqrt();
+            let (sin, cos) = (std::f64::consts::TAU * (spoke as f64 + 0.5) / SPOKES as f64).sin_cos();
+            let (along, across) = (a * cos * cos_tilt, a * sin);
+            [along * ux - across * uy, along * uy + across * ux, along * steepest]
+        })
     }
-    if light > 0.0 { moment / light } else { 0.0 }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    const FACING: Disc = Disc { diameter_mm: 1.0, slopes: [0.0; 2] };
+
     use twinpupil_instrument::{BandResponse, Grid, PointResponse, paper};
 
     fn table(response: impl Fn(f64) -> PointResponse) -> ResponseTable {
@@ -106,7 +126,7 @@ mod tests {
         let ideal = table(|_| PointResponse { throughput: 1.0, radial_deviation_mm: 0.0 });
         let model = Model::new(&paper::instrument(), Some(ideal));
         let object_mm = [3.0, -1.0, 280.0];
-        for (image, chief) in model.images(object_mm, 1.0).into_iter().zip(model.chief_images(object_mm)) {
+        for (image, chief) in model.images(object_mm, &FACING).into_iter().zip(model.chief_images(object_mm)) {
             assert!((image.x_mm - chief.x_mm).abs() < 1e-12 && (image.y_mm - chief.y_mm).abs() < 1e-12);
         }
     }
@@ -118,7 +138,22 @@ mod tests {
         let model = Model::new(&paper::instrument(), Some(shaded));
         let object_mm = [8.0, 0.0, 300.0];
         let expected_mm = 0.51 * 0.25 * 0.25 / 8.0;
-        let shift_mm = model.images(object_mm, 1.0)[0].x_mm - model.chief_images(object_mm)[0].x_mm;
+        let shift_mm = model.images(object_mm, &FACING)[0].x_mm - model.chief_images(object_mm)[0].x_mm;
         assert!((shift_mm / expected_mm - 1.0).abs() < 0.02, "{shift_mm} {expected_mm}");
+    }
+
+    #[test]
+    fn a_tilted_disc_is_imaged_off_its_centre() {
+        // p = L (x₀ + ξ)/(z₀ + ξ t) over a disc whose image area shrinks with z³: to first order in 1/z₀ the centroid
+        // lies −4 t L ⟨ξ²⟩/z₀² beside the image of the centre, ⟨ξ²⟩ = (a cos θ)²/4.
+        let model = Model::new(&paper::instrument(), None);
+        let tilt = 45.0_f64.to_radians();
+        let disc = Disc { diameter_mm: 1.0, slopes: [tilt.tan(), 0.0] };
+        let centre_mm = [0.0, 4.0, 300.0];
+        let [telecentric, entocentric] = model.images(centre_mm, &disc);
+        let [telecentric_chief, entocentric_chief] = model.chief_images(centre_mm);
+        let expected_mm = -4.0 * tilt.tan() * 151.0 * (0.5 * tilt.cos()).powi(2) / 4.0 / 300.0_f64.powi(2);
+        assert!(((entocentric.x_mm - entocentric_chief.x_mm) / expected_mm - 1.0).abs() < 1e-3);
+        assert!((telecentric.x_mm - telecentric_chief.x_mm).abs() < 1e-12);
     }
 }

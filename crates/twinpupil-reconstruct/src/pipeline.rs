@@ -5,10 +5,11 @@ use twinpupil_instrument::{Frame, FrameError, Instrument, PixelPoint, ResponseTa
 
 use crate::detect::{DetectOptions, Detection, Estimator, Feature, detect};
 use crate::matching::{Match, MatchOptions, pair_up};
-use crate::model::Model;
+use crate::model::{Disc, Model};
 use crate::noise::Noise;
 use crate::position::{MeasuredPair, Position, first_order_position_mm, model_position, paper_position};
 use crate::rejection::{Rejection, RejectionReason};
+use crate::slope::local_slopes;
 
 /// How points are computed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -131,15 +132,13 @@ impl Reconstructor {
 
     /// Turns pairs into points, and whatever is left into rejections.
     fn locate(&self, telecentric: Detection, entocentric: Detection, pairs: &[Match]) -> Reconstruction {
+        let points = self.points(&telecentric.features, &entocentric.features, pairs);
         let mut fates = [&telecentric, &entocentric]
             .map(|detection| vec![Some(RejectionReason::NoPartner); detection.features.len()]);
-        let mut points = Vec::with_capacity(pairs.len());
-        for pair in pairs {
-            let point = self.point(&telecentric.features, &entocentric.features, pair);
+        for (pair, point) in pairs.iter().zip(&points) {
             let fate = if point.is_some() { None } else { Some(RejectionReason::NoDepth) };
             fates[0][pair.telecentric] = fate;
             fates[1][pair.entocentric] = fate;
-            points.extend(point);
         }
         let mut rejected = Vec::new();
         for ((detection, fates), role) in
@@ -156,20 +155,36 @@ impl Reconstructor {
                 })
             }));
         }
-        Reconstruction { points, rejected }
+        Reconstruction { points: points.into_iter().flatten().collect(), rejected }
     }
 
-    fn point(&self, telecentric: &[Feature], entocentric: &[Feature], pair: &Match) -> Option<Point> {
-        let features = [telecentric[pair.telecentric], entocentric[pair.entocentric]];
+    /// The point of every pair; first as if all features faced the camera, then with the tilt of the surface that
+    /// their neighbours show.
+    fn points(&self, telecentric: &[Feature], entocentric: &[Feature], pairs: &[Match]) -> Vec<Option<Point>> {
+        let point = |pair: &Match, slopes: [f64; 2]| {
+            self.point([telecentric[pair.telecentric], entocentric[pair.entocentric]], pair, slopes)
+        };
+        let facing: Vec<Option<Point>> = pairs.iter().map(|pair| point(pair, [0.0; 2])).collect();
+        if self.options.mode == Mode::Paper {
+            return facing;
+        }
+        let known: Vec<Point> = facing.iter().flatten().copied().collect();
+        let mut slopes = local_slopes(&known).into_iter();
+        pairs.iter().zip(facing).map(|(pair, first)| first.and_then(|_| point(pair, slopes.next()?))).collect()
+    }
+
+    fn point(&self, features: [Feature; 2], pair: &Match, slopes: [f64; 2]) -> Option<Point> {
         let sensor = &self.instrument.sensor;
         let measured = MeasuredPair {
             images: features.map(|feature| sensor.image_from_pixel(feature.centre)),
             std_mm: features.map(|feature| feature.centre_std_px.map(|std_px| std_px * sensor.pitch_mm)),
         };
-        let diameter_mm = self.diameter_mm(&features, &measured)?;
+        // A tilted disc looks smaller by the cosine of its tilt.
+        let foreshortening = 1.0 / (1.0 + slopes[0].powi(2) + slopes[1].powi(2)).sqrt();
+        let diameter_mm = self.apparent_diameter_mm(&features, &measured)? / foreshortening.sqrt();
         let position = match self.options.mode {
             Mode::Paper => paper_position(&self.instrument, &self.model, &measured),
-            Mode::Centroid => model_position(&self.instrument, &self.model, &measured, diameter_mm),
+            Mode::Centroid => model_position(&self.instrument, &self.model, &measured, &Disc { diameter_mm, slopes }),
         }?;
         let Position { position_mm, .. } = position;
         let finite = position_mm.iter().chain(&position.std_mm()).all(|value| value.is_finite());
@@ -185,8 +200,9 @@ impl Reconstructor {
         })
     }
 
-    /// Diameter of the object from its larger outline; the other band's may have lost more to the masks.
-    fn diameter_mm(&self, features: &[Feature; 2], measured: &MeasuredPair) -> Option<f64> {
+    /// Diameter of the disc of the outlines' area, facing the camera: from the larger of the two outlines, since the
+    /// other band's may have lost more to the masks.
+    fn apparent_diameter_mm(&self, features: &[Feature; 2], measured: &MeasuredPair) -> Option<f64> {
         let [_, _, z_mm] = first_order_position_mm(&self.instrument, &self.model, measured)?;
         let magnifications = self.model.magnifications(z_mm);
         let diameters_mm = [0, 1].map(|role| {

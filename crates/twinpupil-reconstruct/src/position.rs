@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Matrix4x3, Vector3, Vector4};
 use twinpupil_instrument::{ImagePoint, Instrument, position_from_radii_mm};
 
-use crate::model::{ImagePair, Model};
+use crate::model::{Disc, ImagePair, Model};
 
 /// A point in space with the covariance that the two features' noise gives it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -57,13 +57,13 @@ pub(crate) fn model_position(
     instrument: &Instrument,
     model: &Model,
     pair: &MeasuredPair,
-    diameter_mm: f64,
+    disc: &Disc,
 ) -> Option<Position> {
     const ROUNDS: usize = 30;
     const RESTING_MM: f64 = 1e-7;
     let weights = pair.weights();
     let weighting = |jacobian: Matrix4x3<f64>| Matrix4x3::from_fn(|i, j| jacobian[(i, j)] * weights[i]);
-    let images = |object_mm: [f64; 3]| model.images(object_mm, diameter_mm);
+    let images = |object_mm: [f64; 3]| model.images(object_mm, disc);
     let mut object_mm = first_order_position_mm(instrument, model, pair)?;
     for _ in 0..ROUNDS {
         let jacobian = weighting(jacobian(images, object_mm));
@@ -145,6 +145,7 @@ mod tests {
     use super::*;
 
     const STD_MM: f64 = 5e-5;
+    const FACING: Disc = Disc { diameter_mm: 1.0, slopes: [0.0; 2] };
 
     fn pair(model: &Model, object_mm: [f64; 3]) -> MeasuredPair {
         MeasuredPair { images: model.chief_images(object_mm), std_mm: [[STD_MM; 2]; 2] }
@@ -160,7 +161,7 @@ mod tests {
             let object_mm = [r_mm * azimuth_rad.cos(), r_mm * azimuth_rad.sin(), z_mm];
             let pair = pair(&model, object_mm);
             let paper = paper_position(&instrument, &model, &pair).expect("off the axis");
-            let found = model_position(&instrument, &model, &pair, 1.0).expect("off the axis");
+            let found = model_position(&instrument, &model, &pair, &FACING).expect("off the axis");
             for (axis, expected_mm) in object_mm.into_iter().enumerate() {
                 prop_assert!((paper.position_mm[axis] - expected_mm).abs() < 1e-9);
                 prop_assert!((found.position_mm[axis] - expected_mm).abs() < 1e-6);
@@ -176,7 +177,7 @@ mod tests {
         let pair = pair(&model, [0.0, 4.0, 310.0]);
         let [r, b] = pair.images.map(|image| image.radius_mm());
         let expected_mm = 310.0 * (STD_MM / r).hypot(STD_MM / b);
-        let found = model_position(&instrument, &model, &pair, 1.0).expect("off the axis");
+        let found = model_position(&instrument, &model, &pair, &FACING).expect("off the axis");
         assert!((found.std_mm()[2] / expected_mm - 1.0).abs() < 1e-3);
     }
 
@@ -186,6 +187,6 @@ mod tests {
         let model = Model::new(&instrument, None);
         let pair = pair(&model, [0.0, 0.0, 300.0]);
         assert_eq!(paper_position(&instrument, &model, &pair), None);
-        assert_eq!(model_position(&instrument, &model, &pair, 1.0), None);
+        assert_eq!(model_position(&instrument, &model, &pair, &FACING), None);
     }
 }
