@@ -6,6 +6,7 @@ use crate::background::{Polarity, quantile};
 use crate::centroid::{Centre, cartesian_means, radial_mean};
 use crate::contrast::Contrast;
 use crate::flood::{FloodRule, flood};
+use crate::lattice::off_lattice;
 use crate::noise::Noise;
 use crate::outline::{Outline, outlines};
 use crate::rejection::{Rejection, RejectionReason};
@@ -187,7 +188,11 @@ impl Measure<'_> {
     fn centre(&self, windows: &Windows<'_>, index: usize, centre: Option<Centre>) -> Option<Centre> {
         let centre = centre?;
         match self.options.estimator {
-            Estimator::Cartesian => Some(centre),
+            Estimator::Cartesian => {
+                let pixel_width = 1.0 / self.plane.step_px as f64;
+                let position = off_lattice(windows, self.contrast, self.noise, index, centre.position, pixel_width);
+                Some(Centre { position, ..centre })
+            }
             Estimator::Radial { axis } => {
                 let step = self.plane.step_px as f64;
                 let origin = self.plane.origin_px.map(|o| o as f64);

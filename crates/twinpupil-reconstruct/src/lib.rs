@@ -15,6 +15,7 @@ mod contrast;
 mod detect;
 mod fit;
 mod flood;
+mod lattice;
 mod matching;
 mod model;
 mod noise;
