@@ -13,20 +13,32 @@ pub(crate) struct Centre {
 
 /// Moves every window to the centroid of the light in it until all rest; overlapping ones settle together.
 ///
+/// A window that is trimmed or shared moves its centroid along with it, by a share ρ of the step, so steps shrink like
+/// 1, ρ, ρ², …; from the second on they are lengthened by 1/(1 − ρ) to where they lead (Aitken).
+///
 /// Returns the centres, `None` where a window holds no light.
 pub(crate) fn cartesian_means(windows: &mut Windows<'_>, contrast: &Contrast, noise: &Noise) -> Vec<Option<Centre>> {
-    const ROUNDS: usize = 12;
-    const RESTING_PX: f64 = 2e-3;
+    const ROUNDS: usize = 14;
+    const RESTING: f64 = 1e-3;
+    const RATIO_MAX: f64 = 0.85;
     let count = windows.centres.len();
     let mut centres = vec![None; count];
+    let mut steps = vec![[0.0_f64; 2]; count];
     let mut restless: Vec<usize> = (0..count).collect();
     for _ in 0..ROUNDS {
         restless.retain(|&feature| {
             let before = windows.centres[feature];
             centres[feature] = cartesian_mean(windows, contrast, noise, feature);
-            let Some(Centre { position, .. }) = centres[feature] else { return false };
-            windows.centres[feature] = position;
-            (position[0] - before[0]).hypot(position[1] - before[1]) > RESTING_PX
+            let Some(Centre { position, .. }) = &mut centres[feature] else { return false };
+            for axis in 0..2 {
+                let step = position[axis] - before[axis];
+                let ratio = step / steps[feature][axis];
+                let gain = if ratio > 0.0 && ratio < 1.0 { 1.0 / (1.0 - ratio.min(RATIO_MAX)) } else { 1.0 };
+                position[axis] = before[axis] + gain * step;
+                steps[feature][axis] = step;
+            }
+            windows.centres[feature] = *position;
+            steps[feature][0].hypot(steps[feature][1]) > RESTING
         });
         if restless.is_empty() {
             break;

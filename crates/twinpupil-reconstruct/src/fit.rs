@@ -94,6 +94,14 @@ pub struct PlaneFit {
     pub quality: Quality,
 }
 
+impl PlaneFit {
+    /// How far a point lies behind the plane, along z, mm.
+    pub fn distance_mm(&self, point: &FitPoint) -> f64 {
+        let [x_mm, y_mm, z_mm] = point.position_mm;
+        z_mm - (self.z_mm.value + self.slope_x.value * x_mm + self.slope_y.value * y_mm)
+    }
+}
+
 /// Fits a line z over x or y.
 pub fn fit_line(points: &[FitPoint], axis: LineAxis) -> Result<LineFit, FitError> {
     let coordinate = match axis {

@@ -168,15 +168,18 @@ impl Cells {
         ((u / CELL_PX).floor() as i64, (v / CELL_PX).floor() as i64)
     }
 
-    /// Features in the cells about a line, each once.
+    /// Features in the cells within a margin of a line, each once.
     fn along(&self, line: &SearchLine, margin_px: f64) -> impl Iterator<Item = usize> {
+        const SPACING_PX: f64 = 0.25 * CELL_PX;
         let (du, dv) = (line.far.u - line.near.u, line.far.v - line.near.v);
-        let steps = (du.hypot(dv) / (0.5 * CELL_PX)).ceil().clamp(1.0, 10_000.0) as usize;
+        let steps = (du.hypot(dv) / SPACING_PX).ceil().clamp(1.0, 10_000.0) as usize;
+        // Every point of the line is within half a spacing of one that is looked at.
+        let reach_px = margin_px + 0.5 * SPACING_PX;
         let mut keys: Vec<(i64, i64)> = (0..=steps)
             .flat_map(|step| {
                 let t = step as f64 / steps as f64;
                 let (u, v) = (line.near.u + t * du, line.near.v + t * dv);
-                let (low, high) = (Self::of(u - margin_px, v - margin_px), Self::of(u + margin_px, v + margin_px));
+                let (low, high) = (Self::of(u - reach_px, v - reach_px), Self::of(u + reach_px, v + reach_px));
                 (low.0..=high.0).flat_map(move |i| (low.1..=high.1).map(move |j| (i, j)))
             })
             .collect();
@@ -238,5 +241,21 @@ mod tests {
         let pairs = pair_up(&model, sensor, range, &telecentric, &entocentric, &MatchOptions::default());
         assert_eq!(pairs.len(), 1);
         assert!(pairs[0].ambiguous);
+    }
+
+    #[test]
+    fn no_partner_near_the_line_is_overlooked() {
+        let instrument = paper::instrument();
+        let model = Model::new(&instrument, None);
+        let objects_mm: Vec<[f64; 3]> = (0..2000)
+            .map(|k| f64::from(k) * 0.617)
+            .map(|turn| [7.0 * turn.cos(), 7.0 * turn.sin(), 300.0 + 60.0 * (3.7 * turn).sin()])
+            .collect();
+        let [telecentric, entocentric] = features(&instrument, &model, &objects_mm);
+        let cells = Cells::new(&entocentric);
+        for (index, feature) in telecentric.iter().enumerate() {
+            let line = SearchLine::new(&model, &instrument.sensor, instrument.depth_range(), feature.centre);
+            assert!(cells.along(&line, 4.0).any(|other| other == index), "{:?}", objects_mm[index]);
+        }
     }
 }

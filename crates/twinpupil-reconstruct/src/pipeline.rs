@@ -81,6 +81,9 @@ pub enum ReconstructError {
     },
 }
 
+/// Times that points and the tilts between them are computed in turn.
+const TILT_ROUNDS: usize = 2;
+
 /// An instrument made ready to read frames.
 #[derive(Debug, Clone)]
 pub struct Reconstructor {
@@ -164,13 +167,20 @@ impl Reconstructor {
         let point = |pair: &Match, slopes: [f64; 2]| {
             self.point([telecentric[pair.telecentric], entocentric[pair.entocentric]], pair, slopes)
         };
-        let facing: Vec<Option<Point>> = pairs.iter().map(|pair| point(pair, [0.0; 2])).collect();
+        let mut points: Vec<Option<Point>> = pairs.iter().map(|pair| point(pair, [0.0; 2])).collect();
         if self.options.mode == Mode::Paper {
-            return facing;
+            return points;
         }
-        let known: Vec<Point> = facing.iter().flatten().copied().collect();
-        let mut slopes = local_slopes(&known).into_iter();
-        pairs.iter().zip(facing).map(|(pair, first)| first.and_then(|_| point(pair, slopes.next()?))).collect()
+        for _ in 0..TILT_ROUNDS {
+            let known: Vec<Point> = points.iter().flatten().copied().collect();
+            let mut slopes = local_slopes(&known).into_iter();
+            for (place, pair) in points.iter_mut().zip(pairs) {
+                if place.is_some() {
+                    *place = slopes.next().and_then(|slopes| point(pair, slopes)).or(*place);
+                }
+            }
+        }
+        points
     }
 
     fn point(&self, features: [Feature; 2], pair: &Match, slopes: [f64; 2]) -> Option<Point> {

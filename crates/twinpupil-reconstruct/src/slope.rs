@@ -6,9 +6,9 @@ use crate::pipeline::Point;
 /// Neighbours through which a plane is laid, the point itself included.
 const NEIGHBOURS: usize = 9;
 
-/// A slope is believed if its deviation, from the scatter of the neighbours about their plane, is below this. At 0.05
-/// what it leaves of the error of a tilted disc is below the noise.
-const SLOPE_STD_MAX: f64 = 0.05;
+/// A slope is believed if its deviation, from the scatter of the neighbours about their plane, is below this: what is
+/// then left of the error of a tilted disc is about the noise.
+const SLOPE_STD_MAX: f64 = 0.1;
 
 /// Slopes dz/dx and dz/dy of the surface at every point; zero where the neighbours do not lie on a plane.
 pub(crate) fn local_slopes(points: &[Point]) -> Vec<[f64; 2]> {
@@ -51,11 +51,17 @@ fn nearest(points: &[Point], by_x: &[usize], place: usize) -> Vec<FitPoint> {
     found.iter().map(|&(_, index)| FitPoint { position_mm: points[index].position_mm, z_std_mm: None }).collect()
 }
 
+/// Slopes of the plane through the neighbours, without the two that lie farthest off it.
 fn slopes_of(neighbours: &[FitPoint]) -> [f64; 2] {
     const FEWEST: usize = 5;
-    match fit_plane(neighbours) {
+    const DROPPED: usize = 2;
+    let Ok(first) = fit_plane(neighbours) else { return [0.0; 2] };
+    let mut kept = neighbours.to_vec();
+    kept.sort_by(|a, b| first.distance_mm(a).abs().total_cmp(&first.distance_mm(b).abs()));
+    kept.truncate((neighbours.len() - DROPPED).max(FEWEST));
+    match fit_plane(&kept) {
         Ok(PlaneFit { slope_x, slope_y, .. })
-            if neighbours.len() >= FEWEST && slope_x.std.max(slope_y.std) < SLOPE_STD_MAX =>
+            if kept.len() >= FEWEST && slope_x.std.max(slope_y.std) < SLOPE_STD_MAX =>
         {
             [slope_x.value, slope_y.value]
         }
