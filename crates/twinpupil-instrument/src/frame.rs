@@ -142,7 +142,7 @@ impl<'a> PlaneView<'a> {
     pub fn row(&self, row: usize) -> impl ExactSizeIterator<Item = u16> + use<'a> {
         let start = (self.origin_px[1] + row * self.step_px) * self.frame_width_px + self.origin_px[0];
         let end = start - self.origin_px[0] + self.frame_width_px;
-        self.codes[start..end].iter().step_by(self.step_px).copied()
+        self.codes[start..end].chunks(self.step_px).map(|pixels| pixels[0])
     }
 
     /// The code of one pixel of the plane, which must lie within it.

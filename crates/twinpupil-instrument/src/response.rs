@@ -85,7 +85,7 @@ impl ResponseTable {
     /// The image of a band at (r, z) and its throughput: the first-order image moved along its own radius.
     pub fn image(&self, band: usize, r_mm: f64, z_mm: f64, first_order: ImagePoint) -> (ImagePoint, f64) {
         let PointResponse { throughput, radial_deviation_mm } = self.at(band, r_mm, z_mm);
-        let radius_mm = first_order.radius_mm();
+        let radius_mm = (first_order.x_mm.powi(2) + first_order.y_mm.powi(2)).sqrt();
         let scale = if radius_mm > 0.0 { 1.0 + radial_deviation_mm / radius_mm } else { 1.0 };
         (ImagePoint { x_mm: first_order.x_mm * scale, y_mm: first_order.y_mm * scale }, throughput)
     }

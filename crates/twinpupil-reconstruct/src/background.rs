@@ -15,7 +15,7 @@ pub enum Polarity {
 }
 
 /// Number of pixels that tell the background, about; they are spread evenly over the plane.
-const SAMPLES: usize = 16_384;
+const SAMPLES: usize = 8192;
 
 /// Share of a tile that is surely ground, however many features it holds.
 const GROUND_SHARE: f64 = 0.1;
@@ -80,7 +80,7 @@ impl Background {
 
 /// Columns and rows from one sample to the next.
 fn stride(plane: &PlaneView<'_>) -> usize {
-    (((plane.columns * plane.rows) as f64 / SAMPLES as f64).sqrt() as usize).clamp(1, 8)
+    (((plane.columns * plane.rows) as f64 / SAMPLES as f64).sqrt().round() as usize).clamp(1, 12)
 }
 
 /// Pixels spread evenly over a plane.

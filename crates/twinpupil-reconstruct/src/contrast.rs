@@ -12,18 +12,16 @@ pub(crate) struct Contrast {
     pub(crate) rows: usize,
     /// Contrast of every pixel, codes.
     pub(crate) signal: Vec<f32>,
-    /// The same after a 3×3 binomial filter, for finding features; never for measuring them.
-    pub(crate) smooth: Vec<f32>,
     /// Mean of the background, codes.
     pub(crate) ground: f64,
     /// Which side of the background features lie on.
     pub(crate) polarity: Polarity,
-    /// Standard deviation of the background in `smooth`, codes.
-    pub(crate) smooth_noise: f32,
+    /// Standard deviation of a pixel of the background, codes.
+    pub(crate) pixel_noise: f32,
 }
 
-/// Noise that passes the binomial filter [1 2 1]²/16: Σ w² = (6/16)².
-const BINOMIAL_GAIN: f64 = 0.375;
+/// Least noise of a pixel: that of rounding to whole codes, 1/√12.
+const ROUNDING_NOISE: f64 = 0.29;
 
 impl Contrast {
     /// The contrast of a plane against its local background.
@@ -48,15 +46,13 @@ impl Contrast {
                 }
             }
         }
-        let smooth = binomial(&signal, plane.columns, plane.rows);
         Self {
             columns: plane.columns,
             rows: plane.rows,
             signal,
-            smooth,
             ground: background.mean,
             polarity: background.polarity,
-            smooth_noise: (background.pixel_noise.max(0.3) * BINOMIAL_GAIN) as f32,
+            pixel_noise: background.pixel_noise.max(ROUNDING_NOISE) as f32,
         }
     }
 
@@ -72,13 +68,6 @@ impl Contrast {
         (1.0 - fr) * ((1.0 - fc) * upper[0] + fc * upper[1]) + fr * ((1.0 - fc) * lower[0] + fc * lower[1])
     }
 
-    /// Filtered contrast of the pixel nearest to a position, `None` outside the plane.
-    pub(crate) fn smooth_near(&self, column: f64, row: f64) -> Option<f32> {
-        let (c, r) = (column.round(), row.round());
-        let inside = c >= 0.0 && r >= 0.0 && c < self.columns as f64 && r < self.rows as f64;
-        inside.then(|| self.smooth[r as usize * self.columns + c as usize])
-    }
-
     /// The code that a pixel of this contrast read.
     pub(crate) fn code(&self, signal: f32) -> f64 {
         match self.polarity {
@@ -86,28 +75,4 @@ impl Contrast {
             Polarity::Dark => self.ground - f64::from(signal),
         }
     }
-}
-
-/// The filter [1 2 1]/4 along rows and columns, edges repeated.
-fn binomial(signal: &[f32], columns: usize, rows: usize) -> Vec<f32> {
-    let along_rows: Vec<f32> = {
-        let mut out = vec![0.0; signal.len()];
-        for (line, smooth) in signal.chunks_exact(columns).zip(out.chunks_exact_mut(columns)) {
-            smooth[0] = line[0];
-            smooth[columns - 1] = line[columns - 1];
-            for (value, three) in smooth[1..].iter_mut().zip(line.windows(3)) {
-                *value = 0.25 * (three[0] + 2.0 * three[1] + three[2]);
-            }
-        }
-        out
-    };
-    let mut out = vec![0.0; signal.len()];
-    for (row, smooth) in out.chunks_exact_mut(columns).enumerate() {
-        let line = |row: usize| &along_rows[row * columns..(row + 1) * columns];
-        let (above, here, below) = (line(row.saturating_sub(1)), line(row), line((row + 1).min(rows - 1)));
-        for (((value, a), h), b) in smooth.iter_mut().zip(above).zip(here).zip(below) {
-            *value = 0.25 * (a + 2.0 * h + b);
-        }
-    }
-    out
 }

@@ -6,10 +6,11 @@ use crate::background::{Polarity, quantile};
 use crate::centroid::{Centre, cartesian_means, radial_mean};
 use crate::contrast::Contrast;
 use crate::flood::{FloodRule, flood};
-use crate::lattice::off_lattice;
+use crate::lattice::{BLUR_MAX, off_lattice};
 use crate::noise::Noise;
 use crate::outline::{Outline, outlines};
 use crate::rejection::{Rejection, RejectionReason};
+use crate::relief::Relief;
 use crate::window::Windows;
 
 /// How the centre of a feature is measured.
@@ -85,37 +86,46 @@ const SKIRT: f32 = 0.02;
 /// Two summits are one feature unless the saddle lies below this share of the lower.
 const SADDLE: f32 = 0.7;
 
-/// Noise of a pixel relative to that after the binomial filter.
-const FILTER_GAIN: f32 = 1.0 / 0.375;
-
 /// Finds and measures the features of one plane.
 ///
 /// `noise` is that of the sensor where it is known; without it, background scatter is taken for all of the noise.
 /// `band` names the band in rejections.
 pub fn detect(plane: &PlaneView<'_>, band: &str, noise: Option<&Noise>, options: &DetectOptions) -> Detection {
     let contrast = Contrast::new(plane, options.polarity, noise);
-    let found = find(&contrast, options);
-    let scatter = Noise {
-        floor_codes2: f64::from(contrast.smooth_noise * FILTER_GAIN).powi(2),
-        slope_codes: 0.0,
-        black_level: 0.0,
-    };
-    let mut measure = Measure { plane, contrast: &contrast, band, noise: noise.unwrap_or(&scatter), options };
+    let (relief, found) = find(&contrast, options);
+    let background_noise =
+        Noise { floor_codes2: f64::from(contrast.pixel_noise).powi(2), slope_codes: 0.0, black_level: 0.0 };
+    let noise = noise.unwrap_or(&background_noise);
+    let measure = Measure { plane, contrast: &contrast, relief: &relief, band, noise, options };
     let (features, rejected) = measure.all(&found);
     Detection { features, rejected, polarity: contrast.polarity, background_codes: contrast.ground }
 }
 
-/// The outlines of everything that stands out of the noise.
-fn find(contrast: &Contrast, options: &DetectOptions) -> Vec<Outline> {
-    let significant = options.significance_min as f32 * FILTER_GAIN * contrast.smooth_noise;
+/// The outlines of everything that stands out of the noise: on a coarse relief first, and on the full one if what is
+/// found there is small.
+fn find(contrast: &Contrast, options: &DetectOptions) -> (Relief, Vec<Outline>) {
+    const COARSE: usize = 2;
+    const PIXELS_MIN: usize = 60;
+    let coarse = Relief::of(contrast, COARSE);
+    let found = find_on(&coarse, contrast, options);
+    let large = found.iter().filter(|outline| outline.pixels.len() >= PIXELS_MIN).count();
+    if coarse.scale == 1 || (large > 0 && 10 * large >= 9 * found.len()) {
+        return (coarse, found);
+    }
+    let full = Relief::of(contrast, 1);
+    let found = find_on(&full, contrast, options);
+    (full, found)
+}
+
+fn find_on(relief: &Relief, contrast: &Contrast, options: &DetectOptions) -> Vec<Outline> {
+    let significant = options.significance_min as f32 * contrast.pixel_noise;
     let mut standing_out: Vec<f32> =
-        contrast.smooth.iter().step_by(7).copied().filter(|value| *value > significant).collect();
+        relief.heights.iter().step_by(7).copied().filter(|height| *height > significant).collect();
     let typical = quantile(&mut standing_out, 0.9);
-    let noise = options.significance_min as f32 * contrast.smooth_noise;
+    let noise = options.significance_min as f32 * relief.noise;
     let floor = (0.5 * options.relative_contrast_min as f32 * typical).max(noise);
     let rule = FloodRule { floor, saddle: SADDLE, pixels_min: (options.pixels_min / 2).max(1) as u32 };
-    let basins = flood(&contrast.smooth, contrast.columns, rule);
-    let mut found = outlines(contrast, &basins, (SKIRT * typical).max(noise));
+    let mut found = outlines(relief, &flood(&relief.heights, relief.columns, rule), (SKIRT * typical).max(noise));
     found.retain(|outline| outline.height > significant);
     found
 }
@@ -124,14 +134,15 @@ fn find(contrast: &Contrast, options: &DetectOptions) -> Vec<Outline> {
 struct Measure<'a> {
     plane: &'a PlaneView<'a>,
     contrast: &'a Contrast,
+    relief: &'a Relief,
     band: &'a str,
     noise: &'a Noise,
     options: &'a DetectOptions,
 }
 
 impl Measure<'_> {
-    fn all(&mut self, found: &[Outline]) -> (Vec<Feature>, Vec<Rejection>) {
-        let mut windows = Windows::new(self.contrast, found);
+    fn all(&self, found: &[Outline]) -> (Vec<Feature>, Vec<Rejection>) {
+        let mut windows = Windows::new(self.contrast, self.discs(found));
         let centres = cartesian_means(&mut windows, self.contrast, self.noise);
         let mut heights: Vec<f32> = found.iter().map(|outline| outline.height).collect();
         let height_min = self.options.relative_contrast_min as f32 * quantile(&mut heights, 0.9);
@@ -139,7 +150,7 @@ impl Measure<'_> {
         for (index, (outline, centre)) in found.iter().zip(centres).enumerate() {
             let judged = self.flaw(outline, height_min).map_or_else(
                 || {
-                    let centre = self.centre(&windows, index, centre).ok_or(RejectionReason::NoCentre)?;
+                    let centre = self.centre(&windows, index, outline, centre).ok_or(RejectionReason::NoCentre)?;
                     Ok(self.feature(outline, centre, windows.overlaps(index)))
                 },
                 Err,
@@ -148,7 +159,7 @@ impl Measure<'_> {
                 Ok(feature) => features.push(feature),
                 Err(reason) => rejected.push(Rejection {
                     band: self.band.to_owned(),
-                    position: self.frame_position(outline.centre),
+                    position: self.frame_position(self.plane_centre(outline)),
                     area_px: self.area_px(outline),
                     reason,
                 }),
@@ -158,11 +169,21 @@ impl Measure<'_> {
         (features, rejected)
     }
 
+    /// Centres and reaches of outlines, pixels of the plane.
+    fn discs(&self, found: &[Outline]) -> Vec<([f64; 2], f64)> {
+        let disc = |outline: &Outline| (self.plane_centre(outline), outline.reach * self.relief.scale as f64);
+        found.iter().map(disc).collect()
+    }
+
+    fn plane_centre(&self, outline: &Outline) -> [f64; 2] {
+        outline.centre.map(|coordinate| self.relief.plane_position(coordinate))
+    }
+
     /// Why an outline cannot be measured, if so.
     fn flaw(&self, outline: &Outline, height_min: f32) -> Option<RejectionReason> {
         if outline.touches_edge {
             Some(RejectionReason::CutByBorder)
-        } else if outline.pixels.len() < self.options.pixels_min {
+        } else if self.pixels(outline) < self.options.pixels_min {
             Some(RejectionReason::TooSmall)
         } else if outline.height < height_min {
             Some(RejectionReason::LowContrast)
@@ -175,19 +196,23 @@ impl Measure<'_> {
 
     /// More than one pixel in fifty of the outline reads the largest code, or the ground about a dark feature does.
     fn saturated(&self, outline: &Outline) -> bool {
-        let (columns, code_max) = (self.contrast.columns, self.plane.code_max);
+        let code_max = self.plane.code_max;
         if self.contrast.polarity == Polarity::Dark {
             return self.contrast.ground >= f64::from(code_max) - 0.5;
         }
-        let at_limit =
-            |index: &&u32| self.plane.code(**index as usize % columns, **index as usize / columns) == code_max;
+        let (columns, scale) = (self.relief.columns, self.relief.scale);
+        let at_limit = |index: &&u32| {
+            let (column, row) = (**index as usize % columns, **index as usize / columns);
+            self.plane.code(column * scale, row * scale) == code_max
+        };
         50 * outline.pixels.iter().filter(at_limit).count() > outline.pixels.len()
     }
 
     /// The centre by the chosen estimator, in pixels of the plane.
-    fn centre(&self, windows: &Windows<'_>, index: usize, centre: Option<Centre>) -> Option<Centre> {
+    fn centre(&self, windows: &Windows<'_>, index: usize, outline: &Outline, centre: Option<Centre>) -> Option<Centre> {
         let centre = centre?;
         match self.options.estimator {
+            Estimator::Cartesian if self.has_soft_edge(outline) => Some(centre),
             Estimator::Cartesian => {
                 let pixel_width = 1.0 / self.plane.step_px as f64;
                 let position = off_lattice(windows, self.contrast, self.noise, index, centre.position, pixel_width);
@@ -202,6 +227,12 @@ impl Measure<'_> {
                 Some(Centre { position, ..centre })
             }
         }
+    }
+
+    /// Whether a feature's skirt is so wide that the lattice cannot matter; what the relief adds to it is allowed for.
+    fn has_soft_edge(&self, outline: &Outline) -> bool {
+        let skirt = (outline.reach - outline.extent(self.relief.columns)) * self.relief.scale as f64;
+        skirt > 2.0 * BLUR_MAX + 2.0 * self.relief.scale as f64
     }
 
     fn feature(&self, outline: &Outline, centre: Centre, overlapped: bool) -> Feature {
@@ -220,6 +251,11 @@ impl Measure<'_> {
     }
 
     fn area_px(&self, outline: &Outline) -> f64 {
-        (outline.pixels.len() * self.plane.step_px.pow(2)) as f64
+        (self.pixels(outline) * self.plane.step_px.pow(2)) as f64
+    }
+
+    /// Pixels of the plane in an outline.
+    fn pixels(&self, outline: &Outline) -> usize {
+        outline.pixels.len() * self.relief.scale.pow(2)
     }
 }

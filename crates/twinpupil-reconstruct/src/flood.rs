@@ -24,9 +24,9 @@ pub(crate) struct FloodRule {
 }
 
 /// Levels into which values are sorted; finer steps do not change which summit a pixel flows to.
-const LEVELS: usize = 4096;
+const LEVELS: usize = 256;
 
-/// Divides `surface` (row by row) into basins.
+/// Divides `surface` (row by row) into basins. Pixels on its rim follow the pixel beside them.
 ///
 /// Pixels are taken from the highest down. One without labelled neighbours opens a basin, one with a single basin
 /// beside it joins that, and where two meet they become one unless both stand out above the saddle (the *dynamics* of
@@ -34,28 +34,25 @@ const LEVELS: usize = 4096;
 pub(crate) fn flood(surface: &[f32], columns: usize, rule: FloodRule) -> Basins {
     let mut labels = vec![NONE; surface.len()];
     let mut forest = Forest::default();
-    for index in from_the_highest(surface, rule.floor) {
+    for index in from_the_highest(surface, columns, rule.floor) {
         let index = index as usize;
         let mut home = NONE;
-        let mut home_height = f32::NEG_INFINITY;
         let mut last = NONE;
-        for neighbour in Neighbours::of(index, columns, surface.len()) {
-            let label = labels[neighbour];
-            if label == NONE {
-                continue;
-            }
-            let height = surface[neighbour];
-            // Most neighbours carry the label of the one before.
-            let basin = if label == last { home } else { forest.root(label) };
-            last = label;
-            if home == NONE || basin == home {
-                (home, home_height) = (basin, home_height.max(height));
-            } else if let Some(joined) = forest.meet(home, basin, surface[index], rule) {
-                (home, home_height) = (joined, home_height.max(height));
-            } else if height > home_height {
-                (home, home_height) = (basin, height);
-            } else {
-                last = NONE;
+        for line in [index - columns - 1, index - 1, index + columns - 1] {
+            let three: [u32; 3] = [labels[line], labels[line + 1], labels[line + 2]];
+            for (place, label) in (line..).zip(three) {
+                // Most neighbours carry the label of the one before.
+                if label == NONE || label == last {
+                    continue;
+                }
+                let basin = forest.root(label);
+                labels[place] = basin;
+                last = basin;
+                if home == NONE {
+                    home = basin;
+                } else if basin != home {
+                    home = forest.meet(home, basin, surface[index], rule);
+                }
             }
         }
         if home == NONE {
@@ -64,79 +61,51 @@ pub(crate) fn flood(surface: &[f32], columns: usize, rule: FloodRule) -> Basins 
         forest.pixels[home as usize] += 1;
         labels[index] = home;
     }
+    label_rim(&mut labels, surface, columns, rule.floor);
     forest.number(labels)
 }
 
-/// Indices of the pixels above the floor, highest first.
-fn from_the_highest(surface: &[f32], floor: f32) -> Vec<u32> {
-    let highest = surface.iter().copied().fold(floor, f32::max);
-    if highest <= floor {
-        return Vec::new();
+/// Gives the pixels on the rim the labels of their neighbours inside.
+fn label_rim(labels: &mut [u32], surface: &[f32], columns: usize, floor: f32) {
+    let rows = surface.len() / columns;
+    if columns < 3 || rows < 3 {
+        return;
     }
+    let sides = (0..rows).flat_map(|row| [row * columns, row * columns + columns - 1]);
+    let ends = (0..columns).flat_map(|column| [column, (rows - 1) * columns + column]);
+    for index in sides.chain(ends).filter(|&index| surface[index] > floor) {
+        let (column, row) = ((index % columns).clamp(1, columns - 2), (index / columns).clamp(1, rows - 2));
+        labels[index] = labels[row * columns + column];
+    }
+}
+
+/// Indices of the pixels above the floor and off the rim, highest first.
+fn from_the_highest(surface: &[f32], columns: usize, floor: f32) -> Vec<u32> {
+    let highest = surface.iter().copied().fold(floor, f32::max);
     let scale = (LEVELS - 1) as f32 / (highest - floor);
-    let level = |value: f32| LEVELS - 1 - (((value - floor) * scale) as usize).min(LEVELS - 1);
-    let above: Vec<u32> = (0_u32..).zip(surface).filter(|(_, value)| **value > floor).map(|(i, _)| i).collect();
-    let mut starts = vec![0_u32; LEVELS + 1];
-    for &index in &above {
-        starts[level(surface[index as usize]) + 1] += 1;
+    let mut above: Vec<(u32, u8)> = Vec::new();
+    let mut starts = [0_u32; LEVELS + 1];
+    for row in 1..(surface.len() / columns).saturating_sub(1) {
+        let first = row * columns + 1;
+        let line = &surface[first..first + columns.saturating_sub(2)];
+        for (index, &value) in (first as u32..).zip(line) {
+            if value > floor {
+                let depth = ((highest - value) * scale) as u8;
+                starts[usize::from(depth) + 1] += 1;
+                above.push((index, depth));
+            }
+        }
     }
     for k in 0..LEVELS {
         starts[k + 1] += starts[k];
     }
     let mut order = vec![0; above.len()];
-    for &index in &above {
-        let place = &mut starts[level(surface[index as usize])];
+    for (index, depth) in above {
+        let place = &mut starts[usize::from(depth)];
         order[*place as usize] = index;
         *place += 1;
     }
     order
-}
-
-/// The up to eight pixels around one.
-struct Neighbours {
-    index: usize,
-    offsets: &'static [(isize, isize)],
-    columns: isize,
-    /// On which sides there are neighbours at all.
-    left: bool,
-    right: bool,
-    above: bool,
-    below: bool,
-}
-
-const AROUND: [(isize, isize); 8] = [(-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1)];
-
-impl Neighbours {
-    fn of(index: usize, columns: usize, pixels: usize) -> Self {
-        let column = index % columns;
-        Self {
-            index,
-            offsets: &AROUND,
-            columns: columns as isize,
-            left: column > 0,
-            right: column + 1 < columns,
-            above: index >= columns,
-            below: index + columns < pixels,
-        }
-    }
-}
-
-impl Iterator for Neighbours {
-    type Item = usize;
-
-    fn next(&mut self) -> Option<usize> {
-        while let Some((&(right, down), rest)) = self.offsets.split_first() {
-            self.offsets = rest;
-            let exists = (right >= 0 || self.left)
-                && (right <= 0 || self.right)
-                && (down >= 0 || self.above)
-                && (down <= 0 || self.below);
-            if exists {
-                return Some(self.index.wrapping_add_signed(down * self.columns + right));
-            }
-        }
-        None
-    }
 }
 
 /// Basins while they grow, as a union–find forest.
@@ -165,17 +134,17 @@ impl Forest {
         basin
     }
 
-    /// Joins two basins that meet at `level`, or keeps them apart if the lower one stands out.
-    fn meet(&mut self, a: u32, b: u32, level: f32, rule: FloodRule) -> Option<u32> {
+    /// Joins two basins that meet at `level`, or keeps them apart if the lower one stands out. Returns the joined one,
+    /// or the higher.
+    fn meet(&mut self, a: u32, b: u32, level: f32, rule: FloodRule) -> u32 {
         let (high, low) = if self.summit[a as usize] >= self.summit[b as usize] { (a, b) } else { (b, a) };
         let stands_out = level < rule.saddle * self.summit[low as usize];
         let pixels = self.pixels[low as usize].min(self.pixels[high as usize]);
-        if stands_out && pixels >= rule.pixels_min {
-            return None;
+        if !(stands_out && pixels >= rule.pixels_min) {
+            self.parent[low as usize] = high;
+            self.pixels[high as usize] += self.pixels[low as usize];
         }
-        self.parent[low as usize] = high;
-        self.pixels[high as usize] += self.pixels[low as usize];
-        Some(high)
+        high
     }
 
     /// Final labels 0, 1, … in the order in which pixels name them.
@@ -200,33 +169,42 @@ mod tests {
 
     const RULE: FloodRule = FloodRule { floor: 0.5, saddle: 0.7, pixels_min: 1 };
 
+    /// Floods a line of values in a surface whose rim is empty.
+    fn flood_line(line: &[f32], rule: FloodRule) -> Basins {
+        let columns = line.len() + 2;
+        let mut surface = vec![0.0; 3 * columns];
+        surface[columns + 1..2 * columns - 1].copy_from_slice(line);
+        let basins = flood(&surface, columns, rule);
+        Basins { labels: basins.labels[columns + 1..2 * columns - 1].to_vec(), ..basins }
+    }
+
     #[test]
     fn two_peaks_with_a_deep_saddle_stay_apart() {
-        let surface = [0.0, 4.0, 9.0, 4.0, 8.0, 3.0, 0.0];
-        let basins = flood(&surface, 7, RULE);
-        assert_eq!(basins.labels, [NONE, 0, 0, 0, 1, 1, NONE]);
-        assert_eq!(basins.count, 2);
+        let basins = flood_line(&[4.0, 9.0, 4.0, 8.0, 3.0], RULE);
+        assert_eq!((basins.count, basins.labels), (2, vec![0, 0, 0, 1, 1]));
     }
 
     #[test]
     fn two_peaks_with_a_high_saddle_are_one() {
-        let basins = flood(&[1.0, 9.0, 7.0, 8.0, 1.0], 5, RULE);
+        let basins = flood_line(&[1.0, 9.0, 7.0, 8.0, 1.0], RULE);
         assert_eq!((basins.count, basins.labels), (1, vec![0; 5]));
     }
 
     #[test]
     fn a_speck_is_no_summit() {
-        let basins = flood(&[9.0, 9.0, 9.0, 2.0, 5.0, 2.0], 6, FloodRule { pixels_min: 2, ..RULE });
+        let basins = flood_line(&[9.0, 9.0, 9.0, 2.0, 5.0, 2.0], FloodRule { pixels_min: 2, ..RULE });
         assert_eq!(basins.count, 1);
     }
 
     #[test]
     fn diagonal_pixels_touch() {
-        assert_eq!(flood(&[5.0, 0.0, 0.0, 5.0], 2, RULE).count, 1);
+        let surface = [0.0, 0.0, 0.0, 0.0, 0.0, 5.0, 0.0, 0.0, 0.0, 0.0, 5.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+        assert_eq!(flood(&surface, 4, RULE).count, 1);
     }
 
     #[test]
     fn nothing_above_the_floor_is_no_basin() {
         assert_eq!(flood(&[0.1; 9], 3, RULE).count, 0);
+        assert_eq!(flood(&[5.0; 4], 2, RULE).count, 0);
     }
 }

@@ -16,12 +16,14 @@ struct Ellipse {
     inverse: [f64; 3],
     /// Extent along columns and rows.
     extent: [f64; 2],
+    /// Its shorter semi-axis.
+    semi_minor: f64,
     /// Radius of the blur of its edge.
     blur: f64,
 }
 
-/// Edges blurred over more than this are smooth on the lattice.
-const BLUR_MAX: f64 = 1.5;
+/// Edges blurred over a larger radius than this are smooth on the lattice.
+pub(crate) const BLUR_MAX: f64 = 1.5;
 
 /// Moves centres by what the lattice does to them.
 ///
@@ -35,7 +37,7 @@ pub(crate) fn off_lattice(
     centre: [f64; 2],
     pixel_width: f64,
 ) -> [f64; 2] {
-    const ROUNDS: usize = 3;
+    const ROUNDS: usize = 2;
     let Some(ellipse) = Ellipse::of(windows, contrast, noise, feature, pixel_width) else { return centre };
     if ellipse.blur > BLUR_MAX {
         return centre;
@@ -84,6 +86,7 @@ impl Ellipse {
         Some(Self {
             inverse: [rr / determinant, -cr / determinant, cc / determinant],
             extent: [cc.sqrt(), rr.sqrt()],
+            semi_minor: b,
             blur,
         })
     }
@@ -91,6 +94,8 @@ impl Ellipse {
     /// Centroid of the ellipse as the pixels see it, less its centre.
     fn lattice_shift(&self, centre: [f64; 2], pixel_width: f64) -> [f64; 2] {
         let margin = self.blur + pixel_width;
+        // Below the first level a pixel lies wholly inside, above the second wholly outside.
+        let certain = [(1.0 - margin / self.semi_minor).max(0.0).powi(2), (1.0 + margin / self.semi_minor).powi(2)];
         let (mut light, mut moment) = (0.0, [0.0; 2]);
         let rows = (centre[1] - self.extent[1] - margin).ceil() as i64..=(centre[1] + self.extent[1] + margin) as i64;
         let columns =
@@ -98,7 +103,11 @@ impl Ellipse {
         for row in rows {
             for column in columns.clone() {
                 let u = [column as f64 - centre[0], row as f64 - centre[1]];
-                let seen = self.pixel(u, pixel_width, margin);
+                let level2 = self.level2(u);
+                if level2 > certain[1] {
+                    continue;
+                }
+                let seen = if level2 < certain[0] { 1.0 } else { self.pixel(u, pixel_width, margin) };
                 light += seen;
                 moment[0] += seen * u[0];
                 moment[1] += seen * u[1];
@@ -107,12 +116,18 @@ impl Ellipse {
         if light > 0.0 { moment.map(|m| m / light) } else { [0.0; 2] }
     }
 
+    /// `uᵀ S⁻¹ u`: 1 on the edge.
+    fn level2(&self, u: [f64; 2]) -> f64 {
+        let [cc, cr, rr] = self.inverse;
+        cc * u[0] * u[0] + 2.0 * cr * u[0] * u[1] + rr * u[1] * u[1]
+    }
+
     /// Light in a pixel centred at `u` from the ellipse's centre, 0 to 1.
     fn pixel(&self, u: [f64; 2], pixel_width: f64, margin: f64) -> f64 {
         let [cc, cr, rr] = self.inverse;
         let gradient = [cc * u[0] + cr * u[1], cr * u[0] + rr * u[1]];
-        let level = (u[0] * gradient[0] + u[1] * gradient[1]).sqrt();
-        let steepness = gradient[0].hypot(gradient[1]) / level.max(1e-12);
+        let level = self.level2(u).sqrt();
+        let steepness = (gradient[0] * gradient[0] + gradient[1] * gradient[1]).sqrt() / level.max(1e-12);
         let depth = (1.0 - level) / steepness.max(1e-12);
         if level < 1e-6 || depth >= margin {
             return 1.0;
@@ -192,6 +207,7 @@ mod tests {
         let ellipse = Ellipse {
             inverse: [1.0 / (radius * radius), 0.0, 1.0 / (radius * radius)],
             extent: [radius; 2],
+            semi_minor: radius,
             blur: 0.0,
         };
         let shift = ellipse.lattice_shift(centre, 0.5);

@@ -23,6 +23,7 @@ mod outline;
 mod pipeline;
 mod position;
 mod rejection;
+mod relief;
 mod slope;
 mod surface;
 mod window;

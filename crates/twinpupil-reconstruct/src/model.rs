@@ -1,5 +1,7 @@
 //! The forward model that is inverted: where the image of a feature lies, given where the feature is.
 
+use std::sync::OnceLock;
+
 use twinpupil_instrument::{ImagePoint, Instrument, Projection, ResponseTable, Role};
 
 /// First-order projections of the telecentric and the entocentric band, and how the lens departs from them.
@@ -57,7 +59,7 @@ impl Model {
             let [x_mm, y_mm, z_mm] = point_mm;
             let chief = projection.image(point_mm);
             let (image, throughput) = match &self.table {
-                Some(table) => table.image(self.bands[role], x_mm.hypot(y_mm), z_mm, chief),
+                Some(table) => table.image(self.bands[role], (x_mm * x_mm + y_mm * y_mm).sqrt(), z_mm, chief),
                 None => (chief, 1.0),
             };
             let magnification = projection.magnification(z_mm);
@@ -85,8 +87,8 @@ pub(crate) struct Disc {
 }
 
 /// Rings and spokes of the quadrature over a disc, over equal areas.
-const RINGS: usize = 5;
-const SPOKES: usize = 16;
+const RINGS: usize = 4;
+const SPOKES: usize = 12;
 
 impl Disc {
     /// Points spread over the disc, relative to its centre, mm. Their second moments are the disc's.
@@ -97,14 +99,24 @@ impl Disc {
         let (ux, uy) = if steepest > 0.0 { (sx / steepest, sy / steepest) } else { (1.0, 0.0) };
         let cos_tilt = 1.0 / 1.0_f64.hypot(steepest);
         let radius_mm = 0.5 * self.diameter_mm;
-        (0..RINGS * SPOKES).map(move |node| {
-            let (ring, spoke) = (node / SPOKES, node % SPOKES);
-            let a = radius_mm * ((ring as f64 + 0.5) / RINGS as f64).sqrt();
-            let (sin, cos) = (std::f64::consts::TAU * (spoke as f64 + 0.5) / SPOKES as f64).sin_cos();
-            let (along, across) = (a * cos * cos_tilt, a * sin);
+        unit_disc().iter().map(move |[u, v]| {
+            let (along, across) = (radius_mm * u * cos_tilt, radius_mm * v);
             [along * ux - across * uy, along * uy + across * ux, along * steepest]
         })
     }
+}
+
+/// Points spread over the unit disc, each for an equal area.
+fn unit_disc() -> &'static [[f64; 2]] {
+    static NODES: OnceLock<Vec<[f64; 2]>> = OnceLock::new();
+    NODES.get_or_init(|| {
+        let node = |ring: usize, spoke: usize| {
+            let radius = ((ring as f64 + 0.5) / RINGS as f64).sqrt();
+            let (sin, cos) = (std::f64::consts::TAU * (spoke as f64 + 0.5) / SPOKES as f64).sin_cos();
+            [radius * cos, radius * sin]
+        };
+        (0..RINGS).flat_map(|ring| (0..SPOKES).map(move |spoke| node(ring, spoke))).collect()
+    })
 }
 
 #[cfg(test)]

@@ -1,21 +1,21 @@
-//! Outlines: the pixels of each basin above half its height, and their division where discs touch.
+//! Outlines: the pixels of each basin of a relief above half its height, and their division where discs touch.
 
 use crate::background::quantile;
-use crate::contrast::Contrast;
 use crate::flood::{Basins, FloodRule, NONE, flood};
+use crate::relief::Relief;
 
-/// A blob of the plane: the pixels of one basin above half its height, or one disc of several that touch there.
+/// A blob of the relief: the pixels of one basin above half its height, or one disc of several that touch there.
 #[derive(Debug, Clone)]
 pub(crate) struct Outline {
-    /// Indices of its pixels in the plane, rising.
+    /// Indices of its pixels in the relief, rising.
     pub(crate) pixels: Vec<u32>,
-    /// Mean column and row.
+    /// Mean column and row in the relief.
     pub(crate) centre: [f64; 2],
     /// Typical contrast at the top, codes.
     pub(crate) height: f32,
-    /// Distance from the centre at which its light ends, faint skirts included.
+    /// Distance from the centre at which its light ends, faint skirts included, pixels of the relief.
     pub(crate) reach: f64,
-    /// Whether a pixel lies on the edge of the plane.
+    /// Whether a pixel lies on the edge of the relief.
     pub(crate) touches_edge: bool,
 }
 
@@ -26,35 +26,34 @@ const NECK: f32 = 0.85;
 const TOP: f64 = 0.75;
 
 /// The outlines of all basins. Skirts are followed down to `skirt`, codes.
-pub(crate) fn outlines(contrast: &Contrast, basins: &Basins, skirt: f32) -> Vec<Outline> {
+pub(crate) fn outlines(relief: &Relief, basins: &Basins, skirt: f32) -> Vec<Outline> {
     let (starts, pixels) = grouped(basins);
     let mut divider = Divider::default();
     let mut outlines = Vec::with_capacity(basins.count);
     for basin in starts.windows(2) {
         let pixels = &pixels[basin[0] as usize..basin[1] as usize];
-        let height = top(contrast, pixels);
+        let height = top(relief, pixels);
         let core: Vec<u32> =
-            pixels.iter().copied().filter(|&index| contrast.smooth[index as usize] >= 0.5 * height).collect();
-        let whole = Outline::new(contrast, core, height);
-        if whole.is_elliptic(contrast.columns as u32) {
+            pixels.iter().copied().filter(|&index| relief.heights[index as usize] >= 0.5 * height).collect();
+        let whole = Outline::new(relief, core, height);
+        if whole.is_elliptic(relief.columns as u32) {
             outlines.push(whole);
         } else {
-            let parts = divider.discs(&whole.pixels, contrast.columns);
-            outlines.extend(parts.into_iter().map(|part| Outline::new(contrast, part, height)));
+            let parts = divider.discs(&whole.pixels, relief.columns);
+            outlines.extend(parts.into_iter().map(|part| Outline::new(relief, part, height)));
         }
     }
     for outline in &mut outlines {
-        outline.reach = reach(contrast, outline.centre, skirt);
+        outline.reach = reach(relief, outline.centre, skirt);
     }
     outlines
 }
 
 impl Outline {
-    fn new(contrast: &Contrast, pixels: Vec<u32>, height: f32) -> Self {
-        let (columns, rows) = (contrast.columns as u32, contrast.rows as u32);
+    fn new(relief: &Relief, pixels: Vec<u32>, height: f32) -> Self {
+        let (columns, rows) = (relief.columns as u32, relief.rows as u32);
         let (mut sum, mut touches_edge) = ([0.0; 2], false);
-        for &index in &pixels {
-            let (column, row) = (index % columns, index / columns);
+        for (column, row) in places(&pixels, columns) {
             sum[0] += f64::from(column);
             sum[1] += f64::from(row);
             touches_edge |= column == 0 || row == 0 || column + 1 == columns || row + 1 == rows;
@@ -63,14 +62,22 @@ impl Outline {
         Self { centre: sum.map(|s| s / count), pixels, height, reach: 0.0, touches_edge }
     }
 
+    /// Distance from the centre to its farthest pixel, pixels of the relief.
+    pub(crate) fn extent(&self, columns: usize) -> f64 {
+        let distance2 = |(column, row): (u32, u32)| {
+            (f64::from(column) - self.centre[0]).powi(2) + (f64::from(row) - self.centre[1]).powi(2)
+        };
+        places(&self.pixels, columns as u32).map(distance2).fold(0.0, f64::max).sqrt()
+    }
+
     /// Whether the outline fills the ellipse of its second moments, `area = 4π √det(covariance)`: two discs that touch
     /// fill 89 % of theirs, two that overlap by a third of their diameter 98.6 %.
     fn is_elliptic(&self, columns: u32) -> bool {
         const FILLED: f64 = 0.99;
         // Moments of whole pixels, each with its own spread of 1/12.
         let mut covariance = [0.0; 3];
-        for &index in &self.pixels {
-            let (dc, dr) = (f64::from(index % columns) - self.centre[0], f64::from(index / columns) - self.centre[1]);
+        for (column, row) in places(&self.pixels, columns) {
+            let (dc, dr) = (f64::from(column) - self.centre[0], f64::from(row) - self.centre[1]);
             covariance[0] += dc * dc + 1.0 / 12.0;
             covariance[1] += dc * dr;
             covariance[2] += dr * dr + 1.0 / 12.0;
@@ -81,18 +88,19 @@ impl Outline {
     }
 }
 
-/// Rays along which a feature is followed outwards.
+/// Rays along which a feature is followed outwards, and the step along them, pixels of the relief.
 const RAYS: usize = 16;
+const STRIDE: f64 = 0.5;
 
 /// How far a feature's light reaches: the farthest of the rays that end in the ground. Rays that climb a neighbour
 /// before they get there do not count, unless all do.
-fn reach(contrast: &Contrast, centre: [f64; 2], skirt: f32) -> f64 {
+fn reach(relief: &Relief, centre: [f64; 2], skirt: f32) -> f64 {
     let (mut free, mut hemmed) = (0.0_f64, 0.0_f64);
     for ray in 0..RAYS {
         let (sin, cos) = (std::f64::consts::TAU * ray as f64 / RAYS as f64).sin_cos();
         let (mut lowest, mut lowest_at) = (f32::INFINITY, 0.0);
         let mut distance = 1.0;
-        while let Some(value) = contrast.smooth_near(centre[0] + distance * cos, centre[1] + distance * sin) {
+        while let Some(value) = relief.near(centre[0] + distance * cos, centre[1] + distance * sin) {
             if value <= skirt {
                 free = free.max(distance);
                 break;
@@ -103,10 +111,21 @@ fn reach(contrast: &Contrast, centre: [f64; 2], skirt: f32) -> f64 {
                 hemmed = hemmed.max(lowest_at);
                 break;
             }
-            distance += 1.0;
+            distance += STRIDE;
         }
     }
     if free > 0.0 { free } else { hemmed }
+}
+
+/// Columns and rows of pixels with rising indices, without a division for each.
+fn places(pixels: &[u32], columns: u32) -> impl Iterator<Item = (u32, u32)> {
+    let mut row = pixels.first().map_or(0, |first| first / columns);
+    pixels.iter().map(move |&index| {
+        while index >= (row + 1) * columns {
+            row += 1;
+        }
+        (index - row * columns, row)
+    })
 }
 
 /// Pixels in the order of their basins: basin `b` has those from `starts[b]` to `starts[b + 1]`.
@@ -131,8 +150,8 @@ fn grouped(basins: &Basins) -> (Vec<u32>, Vec<u32>) {
 }
 
 /// Typical contrast at the top of a basin: robust against a single bright pixel.
-fn top(contrast: &Contrast, pixels: &[u32]) -> f32 {
-    let value = |index: &u32| contrast.smooth[*index as usize];
+fn top(relief: &Relief, pixels: &[u32]) -> f32 {
+    let value = |index: &u32| relief.heights[*index as usize];
     let highest = pixels.iter().map(value).fold(0.0, f32::max);
     let mut upper: Vec<f32> = pixels.iter().map(value).filter(|value| *value >= 0.5 * highest).collect();
     quantile(&mut upper, TOP)

@@ -189,12 +189,13 @@ impl Reconstructor {
             images: features.map(|feature| sensor.image_from_pixel(feature.centre)),
             std_mm: features.map(|feature| feature.centre_std_px.map(|std_px| std_px * sensor.pitch_mm)),
         };
+        let start_mm = first_order_position_mm(&self.instrument, &self.model, &measured)?;
         // A tilted disc looks smaller by the cosine of its tilt.
         let foreshortening = 1.0 / (1.0 + slopes[0].powi(2) + slopes[1].powi(2)).sqrt();
-        let diameter_mm = self.apparent_diameter_mm(&features, &measured)? / foreshortening.sqrt();
+        let diameter_mm = self.apparent_diameter_mm(&features, start_mm[2]) / foreshortening.sqrt();
         let position = match self.options.mode {
             Mode::Paper => paper_position(&self.instrument, &self.model, &measured),
-            Mode::Centroid => model_position(&self.instrument, &self.model, &measured, &Disc { diameter_mm, slopes }),
+            Mode::Centroid => model_position(&self.model, &measured, &Disc { diameter_mm, slopes }, start_mm),
         }?;
         let Position { position_mm, .. } = position;
         let finite = position_mm.iter().chain(&position.std_mm()).all(|value| value.is_finite());
@@ -212,13 +213,12 @@ impl Reconstructor {
 
     /// Diameter of the disc of the outlines' area, facing the camera: from the larger of the two outlines, since the
     /// other band's may have lost more to the masks.
-    fn apparent_diameter_mm(&self, features: &[Feature; 2], measured: &MeasuredPair) -> Option<f64> {
-        let [_, _, z_mm] = first_order_position_mm(&self.instrument, &self.model, measured)?;
+    fn apparent_diameter_mm(&self, features: &[Feature; 2], z_mm: f64) -> f64 {
         let magnifications = self.model.magnifications(z_mm);
         let diameters_mm = [0, 1].map(|role| {
             let diameter_px = (4.0 * features[role].area_px / std::f64::consts::PI).sqrt();
             diameter_px * self.instrument.sensor.pitch_mm / magnifications[role]
         });
-        Some(diameters_mm[0].max(diameters_mm[1]))
+        diameters_mm[0].max(diameters_mm[1])
     }
 }

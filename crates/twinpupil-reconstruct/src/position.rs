@@ -52,24 +52,21 @@ pub(crate) fn paper_position(instrument: &Instrument, model: &Model, pair: &Meas
 }
 
 /// The point whose modelled images lie nearest to the measured ones, by weighted least squares over all four image
-/// coordinates (Gauss–Newton from the first-order solution).
-pub(crate) fn model_position(
-    instrument: &Instrument,
-    model: &Model,
-    pair: &MeasuredPair,
-    disc: &Disc,
-) -> Option<Position> {
-    const ROUNDS: usize = 30;
-    const RESTING_MM: f64 = 1e-7;
+/// coordinates.
+///
+/// Gauss–Newton from `start_mm`, with the slopes of the chief rays: what the lens adds to them changes slowly, so the
+/// steps still shrink fast, at a tenth of the cost.
+pub(crate) fn model_position(model: &Model, pair: &MeasuredPair, disc: &Disc, start_mm: [f64; 3]) -> Option<Position> {
+    const ROUNDS: usize = 40;
+    const RESTING_MM: f64 = 1e-6;
     let weights = pair.weights();
-    let weighting = |jacobian: Matrix4x3<f64>| Matrix4x3::from_fn(|i, j| jacobian[(i, j)] * weights[i]);
-    let images = |object_mm: [f64; 3]| model.images(object_mm, disc);
-    let mut object_mm = first_order_position_mm(instrument, model, pair)?;
+    let measured = MeasuredPair::vector(pair.images);
+    let mut object_mm = start_mm;
     for _ in 0..ROUNDS {
-        let jacobian = weighting(jacobian(images, object_mm));
-        let residual =
-            (MeasuredPair::vector(pair.images) - MeasuredPair::vector(images(object_mm))).component_mul(&weights);
-        let step = (jacobian.transpose() * jacobian).cholesky()?.solve(&(jacobian.transpose() * residual));
+        let slopes = jacobian(|object_mm| model.chief_images(object_mm), object_mm);
+        let weighted = Matrix4x3::from_fn(|i, j| slopes[(i, j)] * weights[i]);
+        let residual = (measured - MeasuredPair::vector(model.images(object_mm, disc))).component_mul(&weights);
+        let step = (weighted.transpose() * weighted).cholesky()?.solve(&(weighted.transpose() * residual));
         for (coordinate, change) in object_mm.iter_mut().zip(step.iter()) {
             *coordinate += change;
         }
@@ -80,7 +77,7 @@ pub(crate) fn model_position(
             break;
         }
     }
-    let covariance_mm2 = covariance(&jacobian(images, object_mm), pair)?;
+    let covariance_mm2 = covariance(&jacobian(|object_mm| model.chief_images(object_mm), object_mm), pair)?;
     Some(Position { position_mm: object_mm, covariance_mm2 })
 }
 
@@ -161,7 +158,8 @@ mod tests {
             let object_mm = [r_mm * azimuth_rad.cos(), r_mm * azimuth_rad.sin(), z_mm];
             let pair = pair(&model, object_mm);
             let paper = paper_position(&instrument, &model, &pair).expect("off the axis");
-            let found = model_position(&instrument, &model, &pair, &FACING).expect("off the axis");
+            let start_mm = first_order_position_mm(&instrument, &model, &pair).expect("off the axis");
+            let found = model_position(&model, &pair, &FACING, start_mm).expect("off the axis");
             for (axis, expected_mm) in object_mm.into_iter().enumerate() {
                 prop_assert!((paper.position_mm[axis] - expected_mm).abs() < 1e-9);
                 prop_assert!((found.position_mm[axis] - expected_mm).abs() < 1e-6);
@@ -177,7 +175,7 @@ mod tests {
         let pair = pair(&model, [0.0, 4.0, 310.0]);
         let [r, b] = pair.images.map(|image| image.radius_mm());
         let expected_mm = 310.0 * (STD_MM / r).hypot(STD_MM / b);
-        let found = model_position(&instrument, &model, &pair, &FACING).expect("off the axis");
+        let found = model_position(&model, &pair, &FACING, [0.0, 4.0, 310.0]).expect("off the axis");
         assert!((found.std_mm()[2] / expected_mm - 1.0).abs() < 1e-3);
     }
 
@@ -187,6 +185,6 @@ mod tests {
         let model = Model::new(&instrument, None);
         let pair = pair(&model, [0.0, 0.0, 300.0]);
         assert_eq!(paper_position(&instrument, &model, &pair), None);
-        assert_eq!(model_position(&instrument, &model, &pair, &FACING), None);
+        assert_eq!(first_order_position_mm(&instrument, &model, &pair), None);
     }
 }

@@ -1,7 +1,6 @@
 //! The light of one feature: a round window about its centre, with what belongs to its neighbours taken out.
 
 use crate::contrast::Contrast;
-use crate::outline::Outline;
 
 /// Round windows about all features of a plane. Where windows overlap, each pixel's light is shared.
 #[derive(Debug)]
@@ -31,9 +30,10 @@ pub(crate) struct WindowPixel {
 const MARGIN: f64 = 0.5;
 
 impl<'a> Windows<'a> {
-    pub(crate) fn new(contrast: &'a Contrast, outlines: &[Outline]) -> Self {
-        let centres: Vec<[f64; 2]> = outlines.iter().map(|outline| outline.centre).collect();
-        let radii: Vec<f64> = outlines.iter().map(|outline| outline.reach + MARGIN).collect();
+    /// Windows about features with a centre and a reach each, pixels of the plane.
+    pub(crate) fn new(contrast: &'a Contrast, features: Vec<([f64; 2], f64)>) -> Self {
+        let (centres, radii): (Vec<_>, Vec<_>) =
+            features.into_iter().map(|(centre, reach)| (centre, reach + MARGIN)).unzip();
         let neighbours = overlapping(&centres, &radii);
         Self { contrast, centres, radii, neighbours }
     }
@@ -91,7 +91,7 @@ impl<'a> Windows<'a> {
     fn symmetric(&self, feature: usize, column: f64, row: f64, value: f32) -> f64 {
         let [c, r] = self.centres[feature];
         let mirrored = self.contrast.at(2.0 * c - column, 2.0 * r - row);
-        f64::from(value.min(mirrored).max(self.contrast.smooth_noise))
+        f64::from(value.min(mirrored).max(0.4 * self.contrast.pixel_noise))
     }
 }
 
