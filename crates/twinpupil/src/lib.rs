@@ -6,6 +6,8 @@
 pub mod cli;
 pub mod commands;
 pub mod console;
+pub mod experiments;
+pub mod flow;
 pub mod io;
 pub mod load;
 pub mod picture;

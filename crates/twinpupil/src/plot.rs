@@ -1,7 +1,7 @@
 //! Plots as SVG that sits in a page: axes and text take the page's own colour, series those of [`Colour`].
 
 use kuva::plot::legend::{LegendEntry, LegendPosition, LegendShape};
-use kuva::plot::{LinePlot, ScatterPlot};
+use kuva::plot::{BandPlot, LinePlot, ScatterPlot};
 use kuva::render::layout::Layout;
 use kuva::render::plots::Plot;
 use kuva::render::theme::Theme;
@@ -129,6 +129,16 @@ impl Chart {
         self
     }
 
+    /// Adds a shaded band between two ordinates over a range of abscissae. An empty name stays out of the legend.
+    pub fn band(mut self, name: &str, colour: Colour, x: [f64; 2], y: [f64; 2]) -> Self {
+        if x.iter().chain(&y).all(|value| value.is_finite()) {
+            let band = BandPlot::new(x, [y[0]; 2], [y[1]; 2]).with_color(colour.css()).with_opacity(0.18);
+            self.plots.push(Plot::Band(band));
+        }
+        self.entry(name, colour, LegendShape::Rect, Stroke::Solid);
+        self
+    }
+
     /// Fixes the horizontal range.
     pub fn x_range(mut self, min: f64, max: f64) -> Self {
         self.x_range = Some([min, max]);
@@ -241,6 +251,7 @@ mod tests {
             Chart::new("x", "y").points("none", Colour::Blue, &[nan.into()]).line("", Colour::Blue, Stroke::Solid, &[]),
             Chart::new("x", "y").line("one", Colour::Blue, Stroke::Dashed, &one),
             Chart::new("x", "y").points("one", Colour::Blue, &one.map(PlotPoint::from)),
+            Chart::new("x", "y").band("none", Colour::Grey, [0.0, f64::NAN], [0.0, 1.0]),
         ] {
             let svg = chart.into_svg();
             assert!(svg.starts_with("<svg") && svg.contains("viewBox") && !svg.contains("NaN"), "{svg}");

@@ -48,6 +48,22 @@ impl Figure {
     }
 }
 
+/// A number in large print.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Headline {
+    /// The number with its unit.
+    pub number: String,
+    /// What it is.
+    pub label: String,
+}
+
+impl Headline {
+    /// A number and what it is.
+    pub fn new(number: impl Into<String>, label: impl Into<String>) -> Self {
+        Self { number: number.into(), label: label.into() }
+    }
+}
+
 impl Report {
     /// A page under a title.
     pub fn new(title: &str) -> Self {
@@ -62,6 +78,35 @@ impl Report {
     /// Adds a heading.
     pub fn heading(&mut self, text: &str) {
         self.body += &format!("<h2>{}</h2>\n", escaped(text));
+    }
+
+    /// Adds a heading within a section.
+    pub fn subheading(&mut self, text: &str) {
+        self.body += &format!("<h3>{}</h3>\n", escaped(text));
+    }
+
+    /// Adds numbers in large print, side by side.
+    pub fn headlines(&mut self, headlines: &[Headline]) {
+        self.body += "<dl class=\"headlines\">\n";
+        for Headline { number, label } in headlines {
+            self.body += &format!("<div><dd>{}</dd><dt>{}</dt></div>\n", escaped(number), escaped(label));
+        }
+        self.body += "</dl>\n";
+    }
+
+    /// Adds a list with bullets.
+    pub fn list(&mut self, items: &[String]) {
+        self.items("ul", items);
+    }
+
+    /// Adds a list numbered from 1.
+    pub fn numbered(&mut self, items: &[String]) {
+        self.items("ol", items);
+    }
+
+    fn items(&mut self, tag: &str, items: &[String]) {
+        let lines: String = items.iter().map(|item| format!("<li>{}</li>\n", escaped(item))).collect();
+        self.body += &format!("<{tag}>\n{lines}</{tag}>\n");
     }
 
     /// Adds a paragraph.
@@ -117,12 +162,15 @@ mod tests {
     fn text_is_escaped_and_nothing_is_loaded() {
         let mut report = Report::new("R² < 1 & more");
         report.lead("\"lead\"");
+        report.headlines(&[Headline::new("< 1 mm", "a & b")]);
+        report.numbered(&["<b>".to_owned()]);
         report.table(&[Column::text("what"), Column::number("mm")], &[["<a>".to_owned(), "1.5".to_owned()]]);
         report.figures(&[Figure::new("<svg></svg>".to_owned(), "a & b")]);
         let html = report.into_html();
         assert!(html.contains("<title>R² &lt; 1 &amp; more</title>"));
         assert!(html.contains("<td>&lt;a&gt;</td><td class=\"number\">1.5</td>"));
         assert!(html.contains("<figure><svg></svg><figcaption>a &amp; b</figcaption></figure>"));
+        assert!(html.contains("<dd>&lt; 1 mm</dd>") && html.contains("<li>&lt;b&gt;</li>"));
         assert!(!html.contains("http"), "{html}");
     }
 }

@@ -1,5 +1,6 @@
 //! The subcommands, one module each.
 
+pub mod demo;
 pub mod destination;
 pub mod detect;
 pub mod figures;
@@ -7,5 +8,6 @@ pub mod fit;
 pub mod instrument;
 pub mod options;
 pub mod reconstruct;
+pub mod reproduce;
 pub mod scene;
 pub mod simulate;

@@ -49,7 +49,8 @@ pub struct Args {
     json: bool,
 }
 
-fn samples(text: &str) -> Result<usize, String> {
+/// A legal number of rays over the pupil.
+pub(super) fn samples(text: &str) -> Result<usize, String> {
     let legal = text.parse().ok().filter(|samples| (1..=PUPIL_SAMPLES_MAX).contains(samples));
     legal.ok_or_else(|| format!("legal: 1 to {PUPIL_SAMPLES_MAX}"))
 }

@@ -4,6 +4,7 @@
 //! leaves nothing half-written. Every error is one sentence that starts with the path.
 
 pub mod features;
+pub mod folder;
 pub mod frame;
 pub mod input;
 pub mod output;
