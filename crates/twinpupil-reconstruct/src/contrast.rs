@@ -2,7 +2,7 @@
 
 use twinpupil_instrument::PlaneView;
 
-use crate::background::{Background, Polarity};
+use crate::background::{Background, Polarity, quantile};
 use crate::noise::Noise;
 
 /// A plane of contrast in codes, row by row; features are positive.
@@ -66,6 +66,21 @@ impl Contrast {
         let start = r as usize * self.columns + c as usize;
         let (upper, lower) = (&self.signal[start..start + 2], &self.signal[start + self.columns..]);
         (1.0 - fr) * ((1.0 - fc) * upper[0] + fc * upper[1]) + fr * ((1.0 - fc) * lower[0] + fc * lower[1])
+    }
+
+    /// Median length of the runs of pixels along rows that are brighter than half of what stands out; 0 without any.
+    pub(crate) fn median_run(&self, significant: f32) -> usize {
+        const ROWS: usize = 8;
+        let lines = || self.signal.chunks_exact(self.columns).step_by(ROWS);
+        let mut bright: Vec<f32> =
+            lines().flat_map(|line| line.iter().step_by(ROWS)).copied().filter(|s| *s > significant).collect();
+        let half = 0.5 * quantile(&mut bright, 0.75).max(significant);
+        let mut runs: Vec<usize> = Vec::new();
+        for line in lines() {
+            runs.extend(line.split(|signal| *signal <= half).map(<[f32]>::len).filter(|run| *run > 0));
+        }
+        runs.sort_unstable();
+        runs.get(runs.len() / 2).copied().unwrap_or(0)
     }
 
     /// The code that a pixel of this contrast read.

@@ -101,33 +101,23 @@ pub fn detect(plane: &PlaneView<'_>, band: &str, noise: Option<&Noise>, options:
     Detection { features, rejected, polarity: contrast.polarity, background_codes: contrast.ground }
 }
 
-/// The outlines of everything that stands out of the noise: on a coarse relief first, and on the full one if what is
-/// found there is small.
+/// The outlines of everything that stands out of the noise, on a relief no finer than large features need.
 fn find(contrast: &Contrast, options: &DetectOptions) -> (Relief, Vec<Outline>) {
     const COARSE: usize = 2;
-    const PIXELS_MIN: usize = 60;
-    let coarse = Relief::of(contrast, COARSE);
-    let found = find_on(&coarse, contrast, options);
-    let large = found.iter().filter(|outline| outline.pixels.len() >= PIXELS_MIN).count();
-    if coarse.scale == 1 || (large > 0 && 10 * large >= 9 * found.len()) {
-        return (coarse, found);
-    }
-    let full = Relief::of(contrast, 1);
-    let found = find_on(&full, contrast, options);
-    (full, found)
-}
-
-fn find_on(relief: &Relief, contrast: &Contrast, options: &DetectOptions) -> Vec<Outline> {
+    const LARGE: usize = 15;
     let significant = options.significance_min as f32 * contrast.pixel_noise;
+    let scale = if contrast.median_run(significant) >= LARGE { COARSE } else { 1 };
+    let relief = Relief::of(contrast, scale);
     let mut standing_out: Vec<f32> =
         relief.heights.iter().step_by(7).copied().filter(|height| *height > significant).collect();
     let typical = quantile(&mut standing_out, 0.9);
     let noise = options.significance_min as f32 * relief.noise;
     let floor = (0.5 * options.relative_contrast_min as f32 * typical).max(noise);
     let rule = FloodRule { floor, saddle: SADDLE, pixels_min: (options.pixels_min / 2).max(1) as u32 };
-    let mut found = outlines(relief, &flood(&relief.heights, relief.columns, rule), (SKIRT * typical).max(noise));
+    let basins = flood(&relief.heights, relief.columns, rule);
+    let mut found = outlines(&relief, &basins, (SKIRT * typical).max(noise));
     found.retain(|outline| outline.height > significant);
-    found
+    (relief, found)
 }
 
 /// Measures outlines, or says why not.

@@ -32,6 +32,11 @@ impl Model {
         self.projections.map(|projection| projection.magnification(z_mm))
     }
 
+    /// Radii of the telecentric and the entocentric image of a point at a distance, mm.
+    pub(crate) fn blur_radii_mm(&self, z_mm: f64) -> [f64; 2] {
+        self.projections.map(|projection| projection.blur_radius_mm(z_mm))
+    }
+
     /// Images of a round feature: the centroids of all its light.
     ///
     /// Points near the axis lose part of their light to the other band's mask, and what is left of their blur is

@@ -213,11 +213,15 @@ impl Reconstructor {
 
     /// Diameter of the disc of the outlines' area, facing the camera: from the larger of the two outlines, since the
     /// other band's may have lost more to the masks.
+    ///
+    /// Blur over a disc of radius b moves the half-lit edge of a disc of radius a inwards by b²/8a: the mean square of
+    /// the blur along one direction, b²/4, times half the edge's curvature.
     fn apparent_diameter_mm(&self, features: &[Feature; 2], z_mm: f64) -> f64 {
-        let magnifications = self.model.magnifications(z_mm);
+        let (magnifications, blurs_mm) = (self.model.magnifications(z_mm), self.model.blur_radii_mm(z_mm));
         let diameters_mm = [0, 1].map(|role| {
-            let diameter_px = (4.0 * features[role].area_px / std::f64::consts::PI).sqrt();
-            diameter_px * self.instrument.sensor.pitch_mm / magnifications[role]
+            let half_lit_px = (features[role].area_px / std::f64::consts::PI).sqrt();
+            let half_lit_mm = half_lit_px * self.instrument.sensor.pitch_mm;
+            2.0 * (half_lit_mm + blurs_mm[role].powi(2) / (8.0 * half_lit_mm)) / magnifications[role]
         });
         diameters_mm[0].max(diameters_mm[1])
     }

@@ -43,10 +43,21 @@ impl<'a> Windows<'a> {
         !self.neighbours[feature].is_empty()
     }
 
-    /// Visits the pixels of a feature's window.
+    /// Visits the pixels of a feature's window, each with the feature's share of its light.
+    pub(crate) fn for_each_pixel(&self, feature: usize, mut visit: impl FnMut(WindowPixel)) {
+        self.for_each_row(feature, |row, first, line| {
+            for (column, &value) in (first..).zip(line) {
+                let (column, row) = (column as f64, row as f64);
+                let share = self.share(feature, column, row, value);
+                visit(WindowPixel { column, row, signal: share * f64::from(value), share, contrast: value });
+            }
+        });
+    }
+
+    /// Visits the rows of a feature's window: row, first column, contrasts.
     ///
     /// A window that leaves the plane is trimmed on its far side too, so that it stays symmetric.
-    pub(crate) fn for_each_pixel(&self, feature: usize, mut visit: impl FnMut(WindowPixel)) {
+    pub(crate) fn for_each_row(&self, feature: usize, mut visit: impl FnMut(usize, usize, &[f32])) {
         let contrast = self.contrast;
         let ([column, row], radius) = (self.centres[feature], self.radii[feature]);
         let (last_column, last_row) = ((contrast.columns - 1) as f64, (contrast.rows - 1) as f64);
@@ -61,11 +72,7 @@ impl<'a> Windows<'a> {
             let chord = (radius * radius - dy * dy).max(0.0).sqrt().min(half_width);
             let line = &contrast.signal[r * contrast.columns..(r + 1) * contrast.columns];
             let (first, last) = ((column - chord).ceil() as usize, (column + chord).floor() as usize);
-            for (c, &value) in line[first..=last].iter().enumerate() {
-                let (column, row) = ((first + c) as f64, r as f64);
-                let share = self.share(feature, column, row, value);
-                visit(WindowPixel { column, row, signal: share * f64::from(value), share, contrast: value });
-            }
+            visit(r, first, &line[first..last + 1]);
         }
     }
 

@@ -1,0 +1,94 @@
+//! A simulated camera on a bench: scenes in, points out.
+
+use twinpupil_instrument::{Frame, Instrument, ResponseMatrix};
+use twinpupil_optics::response_table_for;
+use twinpupil_reconstruct::{Mode, Options, Point, Reconstructor};
+use twinpupil_simulate::{DotSpec, Scene, SceneSpec, SimulateOptions, simulate};
+
+/// An instrument with a way to simulate and a way to read its frames.
+#[derive(Debug)]
+pub struct Rig {
+    /// The camera.
+    pub instrument: Instrument,
+    reconstructor: Reconstructor,
+}
+
+impl Rig {
+    /// A rig that reads frames in a mode, knowing its lens exactly.
+    ///
+    /// # Panics
+    /// If the instrument cannot be traced: rigs are built from instruments that can.
+    pub fn new(instrument: Instrument, mode: Mode) -> Self {
+        let table = response_table_for(&instrument).expect("the instrument can be traced");
+        let options = Options { mode, ..Options::default() };
+        let reconstructor = Reconstructor::new(instrument.clone(), Some(table), options);
+        Self { instrument, reconstructor }
+    }
+
+    /// A frame of a scene with 256 rays over the pupil, noisy if there is a seed.
+    ///
+    /// # Panics
+    /// If the scene cannot be simulated.
+    pub fn frame(&self, scene: &Scene, noise_seed: Option<u64>) -> Frame {
+        let response = ResponseMatrix::ideal(&self.instrument.bands);
+        let options = SimulateOptions { pupil_samples: 256, noiseless: noise_seed.is_none(), seed: noise_seed };
+        simulate(&self.instrument, scene, &response, &options, &|_| {}).expect("the scene can be simulated").frame
+    }
+
+    /// The points of a frame of this camera.
+    ///
+    /// # Panics
+    /// If the frame is not of this camera.
+    pub fn points(&self, frame: &Frame) -> Vec<Point> {
+        self.reconstructor.frame(frame).expect("a frame of this camera").points
+    }
+
+    /// Whether a dot's image, blur included, lies on the sensor in both bands.
+    pub fn sees_whole(&self, centre_mm: [f64; 3], diameter_mm: f64) -> bool {
+        let sensor = &self.instrument.sensor;
+        self.instrument.projections().iter().all(|projection| {
+            let image = sensor.pixel_from_image(projection.image(centre_mm));
+            let radius_mm =
+                0.5 * diameter_mm * projection.magnification(centre_mm[2]) + projection.blur_radius_mm(centre_mm[2]);
+            let radius_px = radius_mm / sensor.pitch_mm;
+            let within =
+                |position: f64, size: usize| position >= radius_px && position + radius_px <= size as f64 - 1.0;
+            within(image.u, sensor.size_px[0]) && within(image.v, sensor.size_px[1])
+        })
+    }
+
+    /// Whether the images of two dots, blur included, are apart in both bands.
+    pub fn sees_apart(&self, a_mm: [f64; 3], b_mm: [f64; 3], diameter_mm: f64) -> bool {
+        self.instrument.projections().iter().all(|projection| {
+            let reach_mm =
+                |z_mm: f64| 0.5 * diameter_mm * projection.magnification(z_mm) + projection.blur_radius_mm(z_mm);
+            let (a, b) = (projection.image(a_mm), projection.image(b_mm));
+            (a.x_mm - b.x_mm).hypot(a.y_mm - b.y_mm) > reach_mm(a_mm[2]) + reach_mm(b_mm[2])
+        })
+    }
+}
+
+/// Bright dots of 1 mm and 20 000 electrons that face the camera.
+///
+/// # Panics
+/// If a dot is not legal.
+pub fn dots(centres_mm: &[[f64; 3]]) -> Scene {
+    let dot = |&[x_mm, y_mm, z_mm]: &[f64; 3]| DotSpec { x_mm, y_mm, z_mm, diameter_mm: 1.0 };
+    Scene::new(SceneSpec {
+        schema: 1,
+        name: "dots".to_owned(),
+        seed: 0,
+        background_e: 0.0,
+        brightness_e: 20_000.0,
+        dots: centres_mm.iter().map(dot).collect(),
+        plate: None,
+    })
+    .expect("legal dots")
+}
+
+/// The point nearest to a position across the axis, if one is within 0.3 mm.
+pub fn nearest(points: &[Point], [x_mm, y_mm, _]: [f64; 3]) -> Option<&Point> {
+    const REACH_MM: f64 = 0.3;
+    let distance_mm = |point: &&Point| (point.position_mm[0] - x_mm).hypot(point.position_mm[1] - y_mm);
+    points.iter().min_by(|a, b| distance_mm(a).total_cmp(&distance_mm(b))).filter(|point| distance_mm(point) < REACH_MM)
+}

@@ -1,0 +1,6 @@
+//! Expected values come from the paper, from closed forms and from other people's programs; never from ourselves.
+
+mod accuracy;
+mod damaged;
+mod published;
+mod real_disks;
