@@ -13,7 +13,7 @@ use crate::check::{ValueError, positive, within};
 pub enum Lens {
     /// An ideal lens without thickness.
     Thin(ThinLens),
-    /// A plano-convex Fresnel lens, traced groove by groove.
+    /// A Fresnel lens, grooves on one face and the other flat, traced groove by groove.
     Fresnel(FresnelLens),
 }
 
@@ -28,13 +28,17 @@ pub struct ThinLens {
     pub focal_length_mm_by_band: BTreeMap<String, f64>,
 }
 
-/// A plano-convex Fresnel lens: the slices of an aspheric base profile, pushed back onto a plane.
+/// A Fresnel lens: concentric facets on one face, the other flat.
+///
+/// The facets are not the slices of one profile pushed back onto a plane, which would smear the focus. Each is a slice
+/// of its own conic, cut so that light of the design wavelength that comes parallel to the axis meets in the focal
+/// point: exactly, if the grooves face the image; for light through the middle of each facet, if they face the object.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FresnelLens {
     /// Focal length at the design wavelength, mm.
     pub focal_length_mm: f64,
-    /// Wavelength at which the base profile brings a parallel axial beam to one point, nm.
+    /// Wavelength for which the facets are cut, nm: all of them send light parallel to the axis to one focal point.
     #[serde(default = "FresnelLens::default_design_wavelength_nm")]
     pub design_wavelength_nm: f64,
     /// Name of a built-in material: `pmma`.
