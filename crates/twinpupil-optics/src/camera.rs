@@ -7,7 +7,7 @@ use crate::fresnel::FresnelBand;
 use crate::masks::Masks;
 use crate::stop::Stop;
 use crate::thin::ThinBand;
-use crate::{CardinalPoints, Footprint, ObjectRays, PointImage, RayLedger, RayStarts};
+use crate::{CardinalPoints, ObjectRays, Pencil, PointImage, RayLedger, RayStarts};
 
 /// Why an instrument cannot be traced.
 #[derive(Debug, Clone, PartialEq, Error)]
@@ -156,11 +156,14 @@ impl BandOptics {
         }
     }
 
-    /// Circle at distance `z_mm` in object space that holds every ray of the band from the image disc.
-    pub fn footprint(&self, centre: ImagePoint, radius_mm: f64, z_mm: f64) -> Footprint {
+    /// All rays of the band from the image disc.
+    ///
+    /// Exact for a thin lens; for a Fresnel lens 140 rays are traced to see how far the true rays are from the ideal
+    /// ones, so parts of a pencil are much cheaper than pencils of their own.
+    pub fn pencil(&self, centre: ImagePoint, radius_mm: f64) -> Pencil {
         match &self.model {
-            Model::Thin(band) => band.footprint(centre, radius_mm, z_mm),
-            Model::Fresnel(band) => band.footprint(centre, radius_mm, z_mm),
+            Model::Thin(band) => band.pencil(centre, radius_mm),
+            Model::Fresnel(band) => band.pencil(centre, radius_mm),
         }
     }
 

@@ -25,19 +25,21 @@ impl Conic {
         self.vertex_mm + c * r_mm * r_mm / (1.0 + (1.0 - q * (c * r_mm).powi(2)).sqrt())
     }
 
-    /// Depth at which a line meets the sheet about the vertex.
-    pub(crate) fn meets(&self, line: &Line) -> Option<f64> {
+    /// Depth at which a line meets the sheet about the vertex; NaN if it does not.
+    #[inline(always)]
+    pub(crate) fn meets(&self, line: &Line) -> f64 {
         let (c, q, v) = (self.curvature_per_mm, 1.0 + self.conic_constant, self.vertex_mm);
         let ([x, y], [gx, gy]) = (line.at_peaks_mm, line.slope);
         let a = c * (gx * gx + gy * gy + q);
         let half_b = c * (x * gx + y * gy - q * v) - 1.0;
         let constant = c * (x * x + y * y + q * v * v) + 2.0 * v;
         // This root goes over into that of the plane, half_b → −1, as the curvature vanishes.
-        let square = half_b * half_b - a * constant;
-        (square >= 0.0 && half_b < 0.0).then(|| constant / (square.sqrt() - half_b))
+        let depth_mm = constant / ((half_b * half_b - a * constant).sqrt() - half_b);
+        if half_b < 0.0 { depth_mm } else { f64::NAN }
     }
 
     /// A normal at a point on the conic, not of unit length.
+    #[inline(always)]
     pub(crate) fn normal(&self, [x, y, depth_mm]: Vector) -> Vector {
         let c = self.curvature_per_mm;
         [c * x, c * y, c * (1.0 + self.conic_constant) * (depth_mm - self.vertex_mm) - 1.0]
@@ -58,7 +60,7 @@ mod tests {
         ) {
             let conic = Conic { vertex_mm: v, curvature_per_mm: c, conic_constant: k };
             let line = Line { at_peaks_mm: [x, y], slope: [gx, gy] };
-            let depth_mm = conic.meets(&line).expect("well inside the rim");
+            let depth_mm = conic.meets(&line);
             let [px, py] = line.at(depth_mm);
             prop_assert!((conic.depth_mm(px.hypot(py)) - depth_mm).abs() < 1e-11);
             // The normal is that of a finite difference of the depth along x.

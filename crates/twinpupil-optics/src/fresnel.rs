@@ -16,20 +16,30 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 
 use twinpupil_instrument::{FresnelLens, GrooveSide, ImagePoint};
 
-use crate::line::Line;
+use crate::lanes::{self, LANES, Lines};
+use crate::line::{Line, cos_fourth};
 use crate::linear::Linear;
 use crate::masks::Masks;
 use crate::plate::Plate;
 use crate::stop::Stop;
 use crate::thin::ThinBand;
-use crate::{Footprint, Glass, ObjectRays, OpticsError, PointImage, RayFate, RayLedger, RayStarts};
+use crate::{Glass, ObjectRays, OpticsError, Pencil, PointImage, RayFate, RayLedger, RayStarts};
 
 /// A pupil in front of the lens is aimed at by the ideal lens. Rays start over a disc wider by this factor, so that
 /// the aberrations of the real lens leave no part of the pupil out; the pupil itself then stops those that miss it.
 const AIM_MARGIN: f64 = 1.25;
 
-/// Share by which a footprint exceeds the rays probed for it, for field curvature and coma between the probes.
-const FOOTPRINT_MARGIN: f64 = 0.05;
+/// How much farther rays may stray from the ideal ones than those that were probed.
+const STRAY_MARGIN: f64 = 2.0;
+
+/// Share of the pitch by which rays may stray beyond that, where all probes happen to meet the same few facets.
+const STRAY_PER_PITCH: f64 = 0.01;
+
+/// Share of its width by which a pencil may stray where no ray gets through to be probed.
+const STRAY_UNPROBED: f64 = 0.25;
+
+/// Rays from each place that are probed for a pencil, in each quadrant of the pupil.
+const PROBES_PER_QUADRANT: usize = 5;
 
 /// Rays over which the image of a point is averaged, in each quadrant of the pupil.
 const RAYS_PER_QUADRANT: usize = 40;
@@ -48,38 +58,21 @@ const DERIVATIVE_STEP_MM: f64 = 1e-5;
 pub(crate) struct FresnelBand {
     plate: Plate,
     side: GrooveSide,
-    /// Distance of the plane of the peaks from the rear principal plane, t, mm.
-    peaks_mm: f64,
     /// Depth of the front principal plane below the peaks, mm.
     front_depth_mm: f64,
-    groove_pitch_mm: f64,
     masks: Masks,
     /// The same through an ideal lens, for first guesses.
     ideal: ThinBand,
-    /// Apertures that can stop a ray, from the sensor outwards.
-    stops: Vec<Stop>,
+    /// Where rays from the sensor cross the plane of the peaks, mm.
+    at_peaks: Linear,
+    /// Their sideways step per depth below the peaks.
+    slope: Linear,
+    /// Apertures behind the lens that can stop a ray, from the sensor inwards, by depth below the peaks, mm.
+    behind: Vec<(f64, Stop)>,
+    /// Apertures in front of the lens, from there outwards.
+    in_front: Vec<(f64, Stop)>,
     /// Weight of a ray along the axis.
     axial_weight: f64,
-}
-
-/// A ray in image space: through the physical position `at_sensor_mm`, sideways per distance t.
-#[derive(Debug, Clone, Copy)]
-struct SensorRay {
-    at_sensor_mm: [f64; 2],
-    slope: [f64; 2],
-}
-
-/// A ray in object space.
-#[derive(Debug, Clone, Copy)]
-struct ObjectRay {
-    at_front_mm: [f64; 2],
-    slope: [f64; 2],
-}
-
-impl ObjectRay {
-    fn at(&self, z_mm: f64) -> [f64; 2] {
-        [0, 1].map(|k| self.at_front_mm[k] + self.slope[k] * z_mm)
-    }
 }
 
 impl FresnelBand {
@@ -87,27 +80,30 @@ impl FresnelBand {
         let glass = Glass::from_name(&lens.material)?;
         // The principal plane within the glass lies thickness/n from the flat face.
         let below_peaks_mm = lens.thickness_mm * (1.0 - 1.0 / glass.index(lens.design_wavelength_nm)?);
-        let (peaks_mm, front_depth_mm) = match lens.grooves {
-            GrooveSide::Object => (-below_peaks_mm, 0.0),
-            GrooveSide::Image => (0.0, below_peaks_mm),
+        // Depth grows with t if the grooves face the object, against it if they face the image.
+        let (per_t, rear_depth_mm, front_depth_mm) = match lens.grooves {
+            GrooveSide::Object => (1.0, below_peaks_mm, 0.0),
+            GrooveSide::Image => (-1.0, 0.0, below_peaks_mm),
         };
         let pupil = masks.pupil();
-        let in_front = pupil.position_mm < 0.0;
-        let aimed = if in_front { AIM_MARGIN * AIM_MARGIN } else { 1.0 };
-        let stops = masks.stops.iter().filter(|stop| {
-            let always_met = !in_front && std::ptr::eq(*stop, pupil) && pupil.is_full();
-            !(stop.is_open() || always_met)
-        });
-        let mut stops: Vec<Stop> = stops.cloned().collect();
-        stops.sort_by(|a, b| b.position_mm.total_cmp(&a.position_mm));
+        let aimed = if pupil.position_mm < 0.0 { AIM_MARGIN * AIM_MARGIN } else { 1.0 };
+        let slope = aimed_slope(masks).scaled(per_t);
+        let sensor_depth_mm = rear_depth_mm + per_t * masks.sensor_distance_mm;
+        let (behind, in_front): (Vec<_>, Vec<_>) =
+            stops_to_check(masks).into_iter().partition(|stop| stop.position_mm >= 0.0);
+        let by_depth = |stops: Vec<Stop>, principal_depth_mm: f64| {
+            stops.into_iter().map(|stop| (principal_depth_mm + per_t * stop.position_mm, stop)).collect()
+        };
         Ok(Self {
             plate: Plate::new(lens, glass.index(wavelength_nm)?)?,
             side: lens.grooves,
-            peaks_mm,
             front_depth_mm,
-            groove_pitch_mm: lens.groove_pitch_mm,
             ideal: ThinBand::new(masks),
-            stops,
+            // Back from the sensor, where s = −p.
+            at_peaks: slope.scaled(-sensor_depth_mm).plus_image(-1.0),
+            slope,
+            behind: by_depth(behind, rear_depth_mm),
+            in_front: by_depth(in_front, front_depth_mm),
             axial_weight: aimed / pupil.filled_fraction(masks.pupil_radius_mm),
             masks: masks.clone(),
         })
@@ -116,96 +112,112 @@ impl FresnelBand {
     pub(crate) fn trace(&self, starts: RayStarts<'_>, rays: &mut ObjectRays, ledger: &mut RayLedger) {
         let count = starts.len();
         rays.resize(count);
-        for k in 0..count {
-            let image_mm = [starts.image_x_mm[k], starts.image_y_mm[k]];
-            let (ray, weight) = self.launch(image_mm, [starts.pupil_x[k], starts.pupil_y[k]]);
-            let (fate, found, weight) = match self.follow(&ray) {
-                Ok(found) => (RayFate::Arrived, found, weight),
-                Err(fate) => (fate, ObjectRay { at_front_mm: [0.0; 2], slope: [0.0; 2] }, 0.0),
-            };
-            ledger.record(fate);
-            [rays.x_mm[k], rays.y_mm[k]] = found.at_front_mm;
-            [rays.slope_x[k], rays.slope_y[k]] = found.slope;
-            rays.weight[k] = weight;
+        ledger.launched += count as u64;
+        for first in (0..count).step_by(LANES) {
+            let block = first..count.min(first + LANES);
+            let weight = &mut rays.weight[block.clone()];
+            let lines = self.launch_all(starts.slice(block.clone()), weight);
+            block_all(&self.behind, &lines, weight, ledger);
+            let out = self.refract_all(&lines, weight, ledger);
+            block_all(&self.in_front, &out, weight, ledger);
+            ledger.arrived += weight.iter().filter(|weight| **weight > 0.0).count() as u64;
+            let (front_depth_mm, z_per_depth) = (self.front_depth_mm, self.z_per_depth());
+            for (k, at_mm, slope) in [(0, &mut rays.x_mm, &mut rays.slope_x), (1, &mut rays.y_mm, &mut rays.slope_y)] {
+                let (at_mm, slope) = (&mut at_mm[block.clone()], &mut slope[block.clone()]);
+                lanes::write_component(&out, k, front_depth_mm, z_per_depth, at_mm, slope);
+            }
         }
     }
 
-    /// The ray from an upright image position to a point of the unit disc on the pupil, and its weight.
-    fn launch(&self, image_mm: [f64; 2], pupil: [f64; 2]) -> (SensorRay, f64) {
-        let (masks, stop) = (&self.masks, self.masks.pupil());
-        let at_sensor_mm = image_mm.map(|p| -p);
-        let (radius_mm, t) = (masks.pupil_radius_mm, stop.position_mm);
-        let (l, t_aimed_mm) = (masks.sensor_distance_mm, t.max(0.0));
-        let aimed_mm = [0, 1].map(|k| {
-            if t >= 0.0 {
-                return stop.centre_mm[k] + radius_mm * pupil[k];
+    /// The rays of a block by depth below the peaks, and their weights.
+    fn launch_all(&self, starts: RayStarts<'_>, weight: &mut [f64]) -> Lines {
+        let mut lines = Lines::default();
+        lanes::launch(&mut lines, 0, &self.at_peaks, &self.slope, starts.image_x_mm, starts.pupil_x);
+        lanes::launch(&mut lines, 1, &self.at_peaks, &self.slope, starts.image_y_mm, starts.pupil_y);
+        lanes::weigh(&lines, self.axial_weight, weight);
+        lines
+    }
+
+    /// Lines through the lens; those that do not get through lose their weight.
+    fn refract_all(&self, lines: &Lines, weight: &mut [f64], ledger: &mut RayLedger) -> Lines {
+        let mut out = match self.side {
+            GrooveSide::Object => self.plate.enter_flat_face_all(lines),
+            GrooveSide::Image => self.plate.enter_grooves_all(lines),
+        };
+        for (lane, weight) in weight.iter_mut().enumerate() {
+            if *weight > 0.0 && !out.is_settled(lane) {
+                match self.refract(&lines.get(lane)) {
+                    Ok(found) => out.set(lane, found),
+                    Err(fate) => {
+                        ledger.settle(fate);
+                        *weight = 0.0;
+                    }
+                }
             }
-            // a = (m − β s)/α through the ideal lens.
-            let m = stop.centre_mm[k] + AIM_MARGIN * radius_mm * pupil[k];
-            (m - t / l * at_sensor_mm[k]) / masks.sensor_pencil(t)
-        });
-        let slope = [0, 1].map(|k| (at_sensor_mm[k] - aimed_mm[k]) / (l - t_aimed_mm));
-        let cos_squared = 1.0 / (1.0 + slope[0] * slope[0] + slope[1] * slope[1]);
-        (SensorRay { at_sensor_mm, slope }, self.axial_weight * cos_squared * cos_squared)
+        }
+        out
     }
 
-    /// Through all apertures and the lens.
-    fn follow(&self, ray: &SensorRay) -> Result<ObjectRay, RayFate> {
-        self.check_behind(ray)?;
-        let found = self.refract(ray)?;
-        self.check_in_front(&found)?;
-        Ok(found)
-    }
-
-    /// Through the apertures behind the lens.
-    fn check_behind(&self, ray: &SensorRay) -> Result<(), RayFate> {
-        let l = self.masks.sensor_distance_mm;
-        let mut behind = self.stops.iter().take_while(|stop| stop.position_mm >= 0.0);
-        behind.try_for_each(|stop| {
-            stop.check([0, 1].map(|k| ray.at_sensor_mm[k] - ray.slope[k] * (l - stop.position_mm)))
-        })
-    }
-
-    /// Through the apertures in front of the lens.
-    fn check_in_front(&self, ray: &ObjectRay) -> Result<(), RayFate> {
-        let mut in_front = self.stops.iter().skip_while(|stop| stop.position_mm >= 0.0);
-        in_front.try_for_each(|stop| stop.check(ray.at(-stop.position_mm)))
+    /// The ray from an upright image position to a point of the unit disc on the pupil, by depth below the peaks.
+    fn launch(&self, image_mm: [f64; 2], pupil: [f64; 2]) -> Line {
+        let along = |linear: &Linear| [0, 1].map(|k| linear.component(k, pupil[k], image_mm[k]));
+        Line { at_peaks_mm: along(&self.at_peaks), slope: along(&self.slope) }
     }
 
     /// Through the lens alone.
-    fn refract(&self, ray: &SensorRay) -> Result<ObjectRay, RayFate> {
-        let to_peaks_mm = self.masks.sensor_distance_mm - self.peaks_mm;
-        let at_peaks_mm = [0, 1].map(|k| ray.at_sensor_mm[k] - ray.slope[k] * to_peaks_mm);
-        // Depth grows with t if the grooves face the object, against it if they face the image; z runs against t.
-        let (out, against) = match self.side {
-            GrooveSide::Object => (self.plate.enter_flat_face(&Line { at_peaks_mm, slope: ray.slope })?, -1.0),
-            GrooveSide::Image => {
-                (self.plate.enter_grooves(&Line { at_peaks_mm, slope: ray.slope.map(|slope| -slope) })?, 1.0)
-            }
-        };
-        Ok(ObjectRay { at_front_mm: out.at(self.front_depth_mm), slope: out.slope.map(|slope| against * slope) })
+    fn refract(&self, line: &Line) -> Result<Line, RayFate> {
+        match self.side {
+            GrooveSide::Object => self.plate.enter_flat_face(line),
+            GrooveSide::Image => self.plate.enter_grooves(line),
+        }
     }
 
-    /// Circle about rays from the rim of the pupil and the rim of the image disc, with a margin: 5 % of its radius for
-    /// what lies between them, and one groove pitch for the steps from facet to facet. Where no ray gets through to
-    /// show the way, the circle of the ideal lens, with 25 %.
-    pub(crate) fn footprint(&self, centre: ImagePoint, radius_mm: f64, z_mm: f64) -> Footprint {
-        let image = rim(6).chain([[0.0, 0.0]]);
-        let points: Vec<[f64; 2]> = image
-            .flat_map(|[x, y]| {
-                let from = [centre.x_mm + radius_mm * x, centre.y_mm + radius_mm * y];
-                rim(12).chain([[0.0, 0.0]]).map(move |pupil| (from, pupil))
-            })
-            .filter_map(|(from, pupil)| Some(self.refract(&self.launch(from, pupil).0).ok()?.at(z_mm)))
-            .collect();
-        let ideal = self.ideal.footprint(centre, radius_mm, z_mm);
-        if points.is_empty() {
-            return Footprint { radius_mm: (1.0 + 5.0 * FOOTPRINT_MARGIN) * ideal.radius_mm, ..ideal };
+    /// How z grows with the depth below the peaks: ±1.
+    fn z_per_depth(&self) -> f64 {
+        match self.side {
+            GrooveSide::Object => -1.0,
+            GrooveSide::Image => 1.0,
         }
-        let mean = |k: usize| points.iter().map(|point| point[k]).sum::<f64>() / points.len() as f64;
-        let (x_mm, y_mm) = (mean(0), mean(1));
-        let reach_mm = points.iter().map(|point| (point[0] - x_mm).hypot(point[1] - y_mm)).fold(0.0, f64::max);
-        Footprint { x_mm, y_mm, radius_mm: (1.0 + FOOTPRINT_MARGIN) * reach_mm + self.groove_pitch_mm }
+    }
+
+    /// Depth below the peaks of the plane at distance z, mm.
+    fn depth_mm(&self, z_mm: f64) -> f64 {
+        self.front_depth_mm + self.z_per_depth() * z_mm
+    }
+
+    /// The ideal lens's pencil, moved to where rays from all over the pupil and from the centre and the rim of the image
+    /// disc are on the average. What these rays stray from there tells how far others may.
+    pub(crate) fn pencil(&self, centre: ImagePoint, radius_mm: f64) -> Pencil {
+        let ideal = self.ideal.pencil(centre, radius_mm);
+        let image = rim(6).chain([[0.0, 0.0]]).map(|[x, y]| [centre.x_mm + radius_mm * x, centre.y_mm + radius_mm * y]);
+        let starts = image.flat_map(|image_mm| quadrants(PROBES_PER_QUADRANT).map(move |pupil| (image_mm, pupil)));
+        let strays: Vec<Stray> = starts.filter_map(|(image_mm, pupil)| self.stray(&ideal, image_mm, pupil)).collect();
+        if strays.is_empty() {
+            let width = |linear: &Linear| STRAY_UNPROBED * linear.over(centre, radius_mm).radius;
+            return Pencil { stray_mm: width(&ideal.lens), stray_slope: width(&ideal.slope), ..ideal };
+        }
+        let (position, slope) = (strays.iter().map(|stray| stray.position_mm), strays.iter().map(|stray| stray.slope));
+        let (centre_mm, stray_mm) = middle_and_reach(position);
+        let (tilt, stray_slope) = middle_and_reach(slope);
+        let facet_mm = STRAY_PER_PITCH * self.plate.pitch_mm;
+        Pencil {
+            lens: ideal.lens.moved(centre_mm),
+            slope: ideal.slope.moved(tilt),
+            stray_mm: STRAY_MARGIN * stray_mm + facet_mm,
+            stray_slope: STRAY_MARGIN * stray_slope + facet_mm / self.masks.focal_length_mm,
+            ..ideal
+        }
+    }
+
+    /// How far a ray through the lens is from the ideal one.
+    fn stray(&self, ideal: &Pencil, image_mm: [f64; 2], pupil: [f64; 2]) -> Option<Stray> {
+        let out = self.refract(&self.launch(image_mm, pupil)).ok()?;
+        let at_mm = out.at(self.front_depth_mm);
+        let from = |linear: &Linear, k: usize| linear.component(k, pupil[k], image_mm[k]);
+        Some(Stray {
+            position_mm: [0, 1].map(|k| at_mm[k] - from(&ideal.lens, k)),
+            slope: [0, 1].map(|k| self.z_per_depth() * out.slope[k] - from(&ideal.slope, k)),
+        })
     }
 
     /// Average over 160 rays that meet the object point, found by aiming them from the sensor.
@@ -233,13 +245,13 @@ impl FresnelBand {
     /// Share and upright image position of the ray through a pupil point and the object point, if it gets through.
     fn aimed_share(&self, map: &Linear, object_mm: [f64; 3], pupil: [f64; 2]) -> Option<(f64, [f64; 2])> {
         let (image_mm, ray) = self.aim(map, object_mm, pupil)?;
-        let (start, weight) = self.launch(image_mm, pupil);
-        self.check_behind(&start).and_then(|()| self.check_in_front(&ray)).ok()?;
-        let (z_mm, at_mm) = (object_mm[2], ray.at(object_mm[2]));
+        let start = self.launch(image_mm, pupil);
+        check(&self.behind, &start).and_then(|()| check(&self.in_front, &ray)).ok()?;
+        let (depth_mm, at_mm) = (self.depth_mm(object_mm[2]), ray.at(self.depth_mm(object_mm[2])));
         let derivative = |k: usize| {
             let mut beside_mm = image_mm;
             beside_mm[k] += DERIVATIVE_STEP_MM;
-            let moved_mm = self.refract(&self.launch(beside_mm, pupil).0).ok()?.at(z_mm);
+            let moved_mm = self.refract(&self.launch(beside_mm, pupil)).ok()?.at(depth_mm);
             Some([0, 1].map(|j| (moved_mm[j] - at_mm[j]) / DERIVATIVE_STEP_MM))
         };
         let unit = map.per_image * map.per_image;
@@ -248,17 +260,17 @@ impl FresnelBand {
             // A riser next door says nothing about this ray.
             _ => unit,
         };
-        Some((weight * unit / determinant, image_mm))
+        Some((self.axial_weight * cos_fourth(start.slope) * unit / determinant, image_mm))
     }
 
     /// The upright image position whose ray through a pupil point meets the object point, and that ray in object
     /// space, if the lens lets it through.
-    fn aim(&self, map: &Linear, object_mm: [f64; 3], pupil: [f64; 2]) -> Option<([f64; 2], ObjectRay)> {
+    fn aim(&self, map: &Linear, object_mm: [f64; 3], pupil: [f64; 2]) -> Option<([f64; 2], Line)> {
         let mut image_mm = [0, 1].map(|k| (object_mm[k] - map.component(k, pupil[k], 0.0)) / map.per_image);
         // Newton's method with the ideal lens's derivative, which the real one's differs from by some per cent.
         for _ in 0..NEWTON_STEPS {
-            let ray = self.refract(&self.launch(image_mm, pupil).0).ok()?;
-            let at_mm = ray.at(object_mm[2]);
+            let ray = self.refract(&self.launch(image_mm, pupil)).ok()?;
+            let at_mm = ray.at(self.depth_mm(object_mm[2]));
             let miss_mm = [object_mm[0] - at_mm[0], object_mm[1] - at_mm[1]];
             if miss_mm[0].hypot(miss_mm[1]) < AIM_TOLERANCE_MM {
                 return Some((image_mm, ray));
@@ -267,6 +279,54 @@ impl FresnelBand {
         }
         None
     }
+}
+
+/// How far a ray is from the ideal one in the plane z = 0, and its slope.
+struct Stray {
+    position_mm: [f64; 2],
+    slope: [f64; 2],
+}
+
+/// Apertures that can stop a ray, from the sensor outwards.
+fn stops_to_check(masks: &Masks) -> Vec<Stop> {
+    let pupil = masks.pupil();
+    let always_met = |stop: &Stop| std::ptr::eq(stop, pupil) && pupil.is_full() && pupil.position_mm >= 0.0;
+    let mut stops: Vec<Stop> =
+        masks.stops.iter().filter(|stop| !stop.is_open() && !always_met(stop)).cloned().collect();
+    stops.sort_by(|a, b| b.position_mm.total_cmp(&a.position_mm));
+    stops
+}
+
+/// Slope per t of the ray from an image position p, which is the sensor point s = −p, to a pupil point.
+fn aimed_slope(masks: &Masks) -> Linear {
+    let (l, pupil) = (masks.sensor_distance_mm, masks.pupil());
+    let (t, aim_mm) = (pupil.position_mm, masks.pupil_radius_mm);
+    let on_pupil = |per_pupil: f64| Linear { per_pupil, per_image: 0.0, constant: pupil.centre_mm };
+    if t >= 0.0 {
+        return on_pupil(aim_mm).plus_image(1.0).scaled(-1.0 / (l - t));
+    }
+    // Through the ideal lens, a = (m − s t/L)/α.
+    let at_lens = on_pupil(AIM_MARGIN * aim_mm).plus_image(t / l).scaled(1.0 / masks.sensor_pencil(t));
+    at_lens.plus_image(1.0).scaled(-1.0 / l)
+}
+
+/// Through apertures by depth.
+fn check(stops: &[(f64, Stop)], line: &Line) -> Result<(), RayFate> {
+    stops.iter().try_for_each(|(depth_mm, stop)| stop.check(line.at(*depth_mm)))
+}
+
+/// Takes the weight of lines that the apertures stop.
+fn block_all(stops: &[(f64, Stop)], lines: &Lines, weight: &mut [f64], ledger: &mut RayLedger) {
+    for (depth_mm, stop) in stops {
+        *ledger.blocked_by(stop.aperture) += lanes::block(lines, stop, *depth_mm, weight);
+    }
+}
+
+/// Mean of places, and the distance of the farthest one from it.
+fn middle_and_reach(places: impl ExactSizeIterator<Item = [f64; 2]> + Clone) -> ([f64; 2], f64) {
+    let count = places.len() as f64;
+    let middle = [0, 1].map(|k| places.clone().map(|place| place[k]).sum::<f64>() / count);
+    (middle, places.map(|place| (place[0] - middle[0]).hypot(place[1] - middle[1])).fold(0.0, f64::max))
 }
 
 /// Points on the unit circle.

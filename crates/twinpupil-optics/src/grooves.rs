@@ -33,6 +33,10 @@ pub(crate) struct Groove {
     pub(crate) valley_mm: f64,
     /// Depth of its valley, mm.
     pub(crate) depth_mm: f64,
+    /// Depth of the foot of the riser from its peak, the valley of the groove inside; 0 for the central groove.
+    pub(crate) foot_mm: f64,
+    /// Depth of the valley two grooves farther out: no line that leaves by this groove meets anything deeper.
+    pub(crate) floor_mm: f64,
 }
 
 /// The grooves that cover `lens`, from the centre outwards.
@@ -44,7 +48,13 @@ pub(crate) fn grooves(lens: &FresnelLens) -> Result<Vec<Groove>, OpticsError> {
         return Err(OpticsError::TooManyGrooves { groove_pitch_mm: lens.groove_pitch_mm, count });
     }
     // One more than the lens holds, for lines that leave it at a slant.
-    (0..=count as usize).map(|k| groove(lens, index, k)).collect()
+    let mut grooves: Vec<Groove> = (0..=count as usize).map(|k| groove(lens, index, k)).collect::<Result<_, _>>()?;
+    let depths_mm: Vec<f64> = grooves.iter().map(|groove| groove.depth_mm).collect();
+    for (k, groove) in grooves.iter_mut().enumerate() {
+        groove.foot_mm = if k == 0 { 0.0 } else { depths_mm[k - 1] };
+        groove.floor_mm = depths_mm[depths_mm.len().min(k + 3) - 1];
+    }
+    Ok(grooves)
 }
 
 fn groove(lens: &FresnelLens, index: f64, k: usize) -> Result<Groove, OpticsError> {
@@ -65,7 +75,8 @@ fn groove(lens: &FresnelLens, index: f64, k: usize) -> Result<Groove, OpticsErro
     if !(facet.curvature_per_mm > 0.0 && deepest_mm < lens.thickness_mm) {
         return Err(OpticsError::GrooveTooDeep { radius_mm: next_peak_mm, thickness_mm: lens.thickness_mm });
     }
-    Ok(Groove { facet, peak_mm, valley_mm, depth_mm })
+    // Its neighbours give the other depths.
+    Ok(Groove { facet, peak_mm, valley_mm, depth_mm, foot_mm: 0.0, floor_mm: depth_mm })
 }
 
 /// The hyperboloid through the peak whose focus is the focal point, f outside the plane of the peaks.

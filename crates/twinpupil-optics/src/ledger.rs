@@ -39,6 +39,11 @@ impl RayLedger {
     /// Enters one ray.
     pub fn record(&mut self, fate: RayFate) {
         self.launched += 1;
+        self.settle(fate);
+    }
+
+    /// Enters the fate of a ray that has been launched already.
+    pub(crate) fn settle(&mut self, fate: RayFate) {
         match fate {
             RayFate::Arrived => self.arrived += 1,
             RayFate::Blocked { aperture } => *self.blocked_by(aperture) += 1,

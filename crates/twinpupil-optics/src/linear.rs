@@ -40,6 +40,10 @@ impl Linear {
         Self { per_image: self.per_image + per_image, ..self }
     }
 
+    pub(crate) fn moved(self, by: [f64; 2]) -> Self {
+        Self { constant: [self.constant[0] + by[0], self.constant[1] + by[1]], ..self }
+    }
+
     /// Component 0 (x) or 1 (y), from the same component of the pupil point and of the image position.
     #[inline(always)]
     pub(crate) fn component(&self, k: usize, pupil: f64, image_mm: f64) -> f64 {

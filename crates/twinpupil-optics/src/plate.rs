@@ -2,25 +2,27 @@
 
 use twinpupil_instrument::FresnelLens;
 
+use crate::conic::Conic;
 use crate::grooves::{Groove, grooves};
-use crate::line::{Heading, Line};
-use crate::refraction::{refract, unit};
+use crate::line::Line;
+use crate::refraction::{Vector, refract};
 use crate::{OpticsError, RayFate};
 
 /// A Fresnel lens as a plate: grooves on one face, the other flat.
 #[derive(Debug, Clone)]
 pub(crate) struct Plate {
-    grooves: Vec<Groove>,
-    pitch_mm: f64,
-    tan_draft: f64,
-    thickness_mm: f64,
-    half_size_mm: [f64; 2],
+    /// From the centre outwards; at least one.
+    pub(crate) grooves: Vec<Groove>,
+    pub(crate) pitch_mm: f64,
+    pub(crate) tan_draft: f64,
+    pub(crate) thickness_mm: f64,
+    pub(crate) half_size_mm: [f64; 2],
     /// Refractive index in the band.
-    index: f64,
+    pub(crate) index: f64,
 }
 
 /// The flat face's normal.
-const ALONG_AXIS: [f64; 3] = [0.0, 0.0, 1.0];
+pub(crate) const ALONG_AXIS: Vector = [0.0, 0.0, 1.0];
 
 impl Plate {
     pub(crate) fn new(lens: &FresnelLens, index: f64) -> Result<Self, OpticsError> {
@@ -36,17 +38,9 @@ impl Plate {
 
     /// In through the flat face, out through a facet.
     pub(crate) fn enter_flat_face(&self, outside: &Line) -> Result<Line, RayFate> {
-        let entry = self.on_lens(outside, self.thickness_mm)?;
-        let direction = refract(outside.direction(Heading::Up), ALONG_AXIS, 1.0 / self.index);
-        let inside = direction
-            .and_then(|direction| Line::through(entry, direction, Heading::Up))
-            .ok_or(RayFate::TotalInternalReflection)?;
+        let inside = self.through_flat_face(outside, 1.0 / self.index)?;
         let (k, depth_mm) = self.facet_from_within(&inside)?;
-        let exit = self.on_lens(&inside, depth_mm)?;
-        let normal = unit(self.grooves[k].facet.normal(exit));
-        let direction =
-            refract(inside.direction(Heading::Up), normal, self.index).ok_or(RayFate::TotalInternalReflection)?;
-        let out = Line::through(exit, direction, Heading::Up).ok_or(RayFate::GrooveWall)?;
+        let out = self.through_facet(&inside, &self.grooves[k].facet, depth_mm, self.index)?;
         // The riser of the next groove stands up to the peaks: within it is within its cone.
         if out.radius_mm(0.0) >= self.peak_mm(k + 1) { Err(RayFate::GrooveWall) } else { Ok(out) }
     }
@@ -55,20 +49,23 @@ impl Plate {
     pub(crate) fn enter_grooves(&self, outside: &Line) -> Result<Line, RayFate> {
         self.on_lens(outside, 0.0)?;
         let (k, depth_mm) = self.facet_from_without(outside)?;
-        let entry = self.on_lens(outside, depth_mm)?;
-        let normal = unit(self.grooves[k].facet.normal(entry));
-        let direction = refract(outside.direction(Heading::Down), normal, 1.0 / self.index);
-        let inside = direction
-            .and_then(|direction| Line::through(entry, direction, Heading::Down))
-            .ok_or(RayFate::GrooveWall)?;
+        let inside = self.through_facet(outside, &self.grooves[k].facet, depth_mm, 1.0 / self.index)?;
         // Heading inwards, it must pass below the foot of its own groove's riser.
-        if k > 0 && depth_mm < self.grooves[k - 1].depth_mm && self.before_riser(&inside, k) {
+        if depth_mm < self.grooves[k].foot_mm && self.before_riser(&inside, k) {
             return Err(RayFate::GrooveWall);
         }
-        let exit = self.on_lens(&inside, self.thickness_mm)?;
-        refract(inside.direction(Heading::Down), ALONG_AXIS, self.index)
-            .and_then(|direction| Line::through(exit, direction, Heading::Down))
-            .ok_or(RayFate::TotalInternalReflection)
+        self.through_flat_face(&inside, self.index)
+    }
+
+    /// Behind the flat face.
+    fn through_flat_face(&self, line: &Line, index_ratio: f64) -> Result<Line, RayFate> {
+        bent(line, self.on_lens(line, self.thickness_mm)?, ALONG_AXIS, index_ratio)
+    }
+
+    /// Behind a facet that the line meets at a depth.
+    fn through_facet(&self, line: &Line, facet: &Conic, depth_mm: f64, index_ratio: f64) -> Result<Line, RayFate> {
+        let place = self.on_lens(line, depth_mm)?;
+        bent(line, place, facet.normal(place), index_ratio)
     }
 
     /// Facet and depth at which a line from outside first meets the grooves: always in the groove above which it
@@ -76,27 +73,23 @@ impl Plate {
     fn facet_from_without(&self, line: &Line) -> Result<(usize, f64), RayFate> {
         let k = self.groove_at(line.radius_mm(0.0));
         let groove = self.grooves.get(k).ok_or(RayFate::MissedLens)?;
-        match groove.facet.meets(line) {
-            Some(depth_mm) if line.radius_mm(depth_mm) <= groove.valley_mm => Ok((k, depth_mm)),
-            _ => Err(RayFate::GrooveWall),
-        }
+        let depth_mm = groove.facet.meets(line);
+        if line.radius_mm(depth_mm) <= groove.valley_mm { Ok((k, depth_mm)) } else { Err(RayFate::GrooveWall) }
     }
 
     /// Facet and depth at which a line from the glass first meets the grooves, walking from groove to groove.
     fn facet_from_within(&self, line: &Line) -> Result<(usize, f64), RayFate> {
         let leaves_mm = line.radius_mm(0.0);
-        let beyond = self.groove_at(leaves_mm) + 2;
-        let deepest_mm = self.grooves.get(beyond).or(self.grooves.last()).map_or(0.0, |groove| groove.depth_mm);
-        let comes_mm = line.radius_mm(deepest_mm);
+        let floor_mm = self.grooves.get(self.groove_at(leaves_mm)).or(self.grooves.last()).map_or(0.0, |g| g.floor_mm);
+        let comes_mm = line.radius_mm(floor_mm);
         let outwards = leaves_mm >= comes_mm;
         let mut k = self.groove_at(comes_mm);
         loop {
             let groove = self.grooves.get(k).ok_or(RayFate::MissedLens)?;
-            if let Some(depth_mm) = groove.facet.meets(line) {
-                let r_mm = line.radius_mm(depth_mm);
-                if groove.peak_mm <= r_mm && r_mm <= groove.valley_mm {
-                    return Ok((k, depth_mm));
-                }
+            let depth_mm = groove.facet.meets(line);
+            let r_mm = line.radius_mm(depth_mm);
+            if groove.peak_mm <= r_mm && r_mm <= groove.valley_mm {
+                return Ok((k, depth_mm));
             }
             // Outwards it passes below the valley into the next groove; inwards the riser may stand in its way.
             k = match k.checked_sub(1) {
@@ -107,13 +100,13 @@ impl Plate {
         }
     }
 
-    /// Whether a line, at the depth of its foot, is inside the riser that comes down from peak k > 0.
+    /// Whether a line, at the depth of its foot, is inside the riser that comes down from peak k.
     fn before_riser(&self, line: &Line, k: usize) -> bool {
-        let foot_mm = self.grooves[k - 1].depth_mm;
+        let foot_mm = self.grooves[k].foot_mm;
         line.radius_mm(foot_mm) < self.peak_mm(k) - self.tan_draft * foot_mm
     }
 
-    fn groove_at(&self, r_mm: f64) -> usize {
+    pub(crate) fn groove_at(&self, r_mm: f64) -> usize {
         (r_mm / self.pitch_mm) as usize
     }
 
@@ -122,11 +115,21 @@ impl Plate {
     }
 
     /// The point of a line at a depth, if it is within the lens.
-    fn on_lens(&self, line: &Line, depth_mm: f64) -> Result<[f64; 3], RayFate> {
+    fn on_lens(&self, line: &Line, depth_mm: f64) -> Result<Vector, RayFate> {
         let [x, y] = line.at(depth_mm);
         let within = x.abs() <= self.half_size_mm[0] && y.abs() <= self.half_size_mm[1];
         if within { Ok([x, y, depth_mm]) } else { Err(RayFate::MissedLens) }
     }
+}
+
+/// Behind a face with that normal at that place.
+fn bent(line: &Line, place: Vector, normal: Vector, index_ratio: f64) -> Result<Line, RayFate> {
+    let direction = refract(line.direction(), normal, index_ratio);
+    if direction[2].is_nan() {
+        return Err(RayFate::TotalInternalReflection);
+    }
+    // Turned round by a steep facet, it would run along the grooves.
+    if direction[2] > 0.0 { Ok(Line::through(place, direction)) } else { Err(RayFate::GrooveWall) }
 }
 
 #[cfg(test)]

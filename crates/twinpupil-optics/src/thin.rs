@@ -19,7 +19,7 @@ use twinpupil_instrument::{Annulus, ImagePoint};
 use crate::linear::{Disc, Linear};
 use crate::masks::Masks;
 use crate::stop::{Stop, holds};
-use crate::{Footprint, ObjectRays, RayLedger, RayStarts};
+use crate::{ObjectRays, Pencil, RayLedger, RayStarts};
 
 /// Rays traced stop by stop before the next ones are started: their positions stay in the first-level cache.
 const BLOCK: usize = 256;
@@ -104,11 +104,8 @@ impl ThinBand {
         self.lens.plus(self.slope.scaled(z_mm))
     }
 
-    pub(crate) fn footprint(&self, centre: ImagePoint, radius_mm: f64, z_mm: f64) -> Footprint {
-        let Disc { centre: [x_mm, y_mm], radius } = self.object_map(z_mm).over(centre, radius_mm);
-        // Rounding must not let a ray escape.
-        let slack_mm = 1e-12 * (x_mm.abs() + y_mm.abs() + radius);
-        Footprint { x_mm, y_mm, radius_mm: radius + slack_mm }
+    pub(crate) fn pencil(&self, centre: ImagePoint, radius_mm: f64) -> Pencil {
+        Pencil { centre, radius_mm, lens: self.lens, slope: self.slope, stray_mm: 0.0, stray_slope: 0.0 }
     }
 
     pub(crate) fn is_unclipped(&self, centre: ImagePoint, radius_mm: f64) -> bool {

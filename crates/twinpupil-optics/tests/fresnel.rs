@@ -149,12 +149,15 @@ proptest! {
         let centre = ImagePoint { x_mm: x, y_mm: y };
         let image = [x + radius * sigma * azimuth.cos(), y + radius * sigma * azimuth.sin()];
         let (rays, _) = trace(optics, image, &[[rho * pupil_azimuth.cos(), rho * pupil_azimuth.sin()]]);
-        let footprint = optics.footprint(centre, radius, z_mm);
-        let (dx, dy) = (
-            rays.x_mm[0] + z_mm * rays.slope_x[0] - footprint.x_mm,
-            rays.y_mm[0] + z_mm * rays.slope_y[0] - footprint.y_mm,
-        );
-        prop_assert!(rays.weight[0] == 0.0 || dx.hypot(dy) <= footprint.radius_mm);
+        let pencil = optics.pencil(centre, radius);
+        let point = pencil.part(ImagePoint { x_mm: image[0], y_mm: image[1] }, 0.0);
+        for footprint in [pencil.footprint(z_mm), point.footprint(z_mm)] {
+            let (dx, dy) = (
+                rays.x_mm[0] + z_mm * rays.slope_x[0] - footprint.x_mm,
+                rays.y_mm[0] + z_mm * rays.slope_y[0] - footprint.y_mm,
+            );
+            prop_assert!(rays.weight[0] == 0.0 || dx.hypot(dy) <= footprint.radius_mm);
+        }
         prop_assert!(!optics.is_unclipped(centre, radius));
     }
 

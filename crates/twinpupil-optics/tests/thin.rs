@@ -120,7 +120,7 @@ proptest! {
         let centre = ImagePoint { x_mm: x, y_mm: y };
         let image = [x + radius * sigma * azimuth.cos(), y + radius * sigma * azimuth.sin()];
         let (rays, _) = trace_one(optics, image, [rho * pupil_azimuth.cos(), rho * pupil_azimuth.sin()]);
-        let footprint = optics.footprint(centre, radius, 320.0);
+        let footprint = optics.pencil(centre, radius).footprint(320.0);
         let (dx, dy) = (
             rays.x_mm[0] + 320.0 * rays.slope_x[0] - footprint.x_mm,
             rays.y_mm[0] + 320.0 * rays.slope_y[0] - footprint.y_mm,

@@ -1,7 +1,7 @@
 //! All rays of one band from a small disc on the sensor, and what they can meet.
 
 use twinpupil_instrument::ImagePoint;
-use twinpupil_optics::{BandOptics, Footprint};
+use twinpupil_optics::{BandOptics, Footprint, Pencil};
 
 use crate::dot::Dot;
 
@@ -11,6 +11,7 @@ pub(crate) struct Bundle<'a> {
     pub(crate) optics: &'a BandOptics,
     pub(crate) centre: ImagePoint,
     pub(crate) radius_mm: f64,
+    pub(crate) pencil: Pencil,
 }
 
 /// How a bundle of rays meets a dot.
@@ -24,7 +25,16 @@ pub(crate) enum Sight {
     Across,
 }
 
-impl Bundle<'_> {
+impl<'a> Bundle<'a> {
+    pub(crate) fn new(optics: &'a BandOptics, centre: ImagePoint, radius_mm: f64) -> Self {
+        Self { optics, centre, radius_mm, pencil: optics.pencil(centre, radius_mm) }
+    }
+
+    /// The rays from a smaller disc within the disc.
+    pub(crate) fn part(&self, centre: ImagePoint, radius_mm: f64) -> Self {
+        Self { centre, radius_mm, pencil: self.pencil.part(centre, radius_mm), ..*self }
+    }
+
     /// Whether every ray arrives unattenuated, for certain.
     pub(crate) fn is_unclipped(&self) -> bool {
         self.optics.is_unclipped(self.centre, self.radius_mm)
@@ -57,11 +67,11 @@ impl Bundle<'_> {
     /// A circle through which every ray passes at every distance between two: rays are straight, so the smallest
     /// circle about both footprints will do.
     fn between(&self, near_mm: f64, far_mm: f64) -> Footprint {
-        let near = self.optics.footprint(self.centre, self.radius_mm, near_mm);
+        let near = self.pencil.footprint(near_mm);
         if far_mm == near_mm {
             return near;
         }
-        let far = self.optics.footprint(self.centre, self.radius_mm, far_mm);
+        let far = self.pencil.footprint(far_mm);
         let half_way_mm = 0.5 * (far.x_mm - near.x_mm).hypot(far.y_mm - near.y_mm);
         Footprint {
             x_mm: 0.5 * (near.x_mm + far.x_mm),
@@ -88,7 +98,7 @@ mod tests {
                 let dot = Dot { centre_mm: [5.0, -2.0, 330.0], normal, diameter_mm: 1.0 };
                 let pixel = |x_mm: f64| {
                     let centre = instrument.projection(band).image([5.0 + x_mm, -2.0, 330.0]);
-                    Bundle { optics, centre, radius_mm: 0.004 }
+                    Bundle::new(optics, centre, 0.004)
                 };
                 assert_eq!(pixel(0.0).sight(&dot, 0.01), Sight::Within);
                 assert_eq!(pixel(0.5).sight(&dot, 0.01), Sight::Across);

@@ -124,7 +124,8 @@ impl<'a> Renderer<'a> {
         let width_px = self.sensor.size_px[0];
         let [column_first, row_first] = first;
         let columns = column_first..width_px.min(column_first + TILE_PX);
-        let bundle = self.bundle(band, first, [columns.len(), rows.len() / width_px]);
+        let (centre, radius_mm) = self.disc(first, [columns.len(), rows.len() / width_px]);
+        let bundle = Bundle::new(self.bands[band].optics, centre, radius_mm);
         self.look_around(band, &bundle, workspace);
         let uniform_e = self.uniform_e(&workspace.tile);
         if uniform_e == Some(0.0) {
@@ -133,14 +134,15 @@ impl<'a> Renderer<'a> {
         let unclipped_e = uniform_e.filter(|_| bundle.is_unclipped());
         for (row, pixels) in (row_first..).zip(rows.chunks_exact_mut(width_px)) {
             for column in columns.clone().filter(|column| wanted[row % 2][column % 2]) {
-                pixels[column] = unclipped_e.unwrap_or_else(|| self.pixel(band, column, row, workspace));
+                pixels[column] = unclipped_e.unwrap_or_else(|| self.pixel(band, column, row, &bundle, workspace));
             }
         }
     }
 
-    /// Electrons in one pixel, whose tile has been looked at.
-    fn pixel(&self, band: usize, column: usize, row: usize, workspace: &mut Workspace) -> f64 {
-        let bundle = self.bundle(band, [column, row], [1, 1]);
+    /// Electrons in one pixel, whose tile has been looked at and has the bundle `of_tile`.
+    fn pixel(&self, band: usize, column: usize, row: usize, of_tile: &Bundle<'_>, workspace: &mut Workspace) -> f64 {
+        let (centre, radius_mm) = self.disc([column, row], [1, 1]);
+        let bundle = of_tile.part(centre, radius_mm);
         let Workspace { tile, pixel, .. } = workspace;
         self.look_closer(band, &bundle, tile, pixel);
         match self.uniform_e(pixel) {
@@ -157,12 +159,11 @@ impl<'a> Renderer<'a> {
         }
     }
 
-    /// All rays of a band from a rectangle of pixels.
-    fn bundle(&self, band: usize, first: [usize; 2], size_px: [usize; 2]) -> Bundle<'a> {
+    /// Centre and radius of the image disc about a rectangle of pixels.
+    fn disc(&self, first: [usize; 2], size_px: [usize; 2]) -> (ImagePoint, f64) {
         let middle = |axis: usize| first[axis] as f64 + 0.5 * (size_px[axis] as f64 - 1.0);
         let centre = self.sensor.image_from_pixel(PixelPoint { u: middle(0), v: middle(1) });
-        let radius_mm = 0.5 * self.sensor.pitch_mm * (size_px[0] as f64).hypot(size_px[1] as f64);
-        Bundle { optics: self.bands[band].optics, centre, radius_mm }
+        (centre, 0.5 * self.sensor.pitch_mm * (size_px[0] as f64).hypot(size_px[1] as f64))
     }
 
     /// What the bundle of a tile meets among all there is.
