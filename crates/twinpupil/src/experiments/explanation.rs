@@ -135,7 +135,7 @@ fn line(study: &Study) -> String {
     let [thin, fresnel] = [&study.thin_paper, &study.fresnel_paper].map(|case| case.line.largest_from_truth());
     format!(
         "Straight line through all points of all distances. With the thin lens clipping touches too few dots to move \
-         it by more than {:.2} mm; the Fresnel lens's {} mm are the dispersion of note {}. The published line lies \
+         it by more than {:.2} mm; the Fresnel lens's {} mm follow from dispersion, note {}. The published line lies \
          between the two, and the text does not say how f and L were determined.",
         thin.value_mm.abs(),
         signed(fresnel.value_mm, 2),

@@ -28,6 +28,7 @@ pub(super) struct Exposures<'a> {
 impl<'a> Exposures<'a> {
     pub(super) fn take(thin: &'a Rig, fresnel: &'a Rig, step_mm: u32, seed: u64, console: &Console) -> Result<Self> {
         let shots = Shot::all(step_mm, seed)?;
+        console.note(format!("{} exposures through each of two lenses", shots.len()));
         let bar = console.progress(2 * shots.len() as u64, "exposing and reading");
         let mut exposures = Self { readings: Vec::new(), shown: Vec::new() };
         for shot in &shots {

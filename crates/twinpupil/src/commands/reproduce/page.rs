@@ -132,14 +132,14 @@ fn depths(report: &mut Report, study: &Study) {
         ),
         Figure::new(
             plots::depth_error(study),
-            "The same less the truth. The band is what the paper prints for the largest deviation of its fitted line; \
-             it does not print the line itself.",
+            "The same less the truth. The band is the largest deviation that the paper states for its own fitted line.",
         ),
     ]);
     report.heading("Tilted plate: Fig. 11");
     let caption = |case: &crate::experiments::CaseStudy| {
         let r_squared = case.tilts.iter().map(|fit| format!("{:.5}", fit.quality.r_squared)).collect::<Vec<_>>();
-        format!("{}: true and fitted tilts, R² {}.", case.case.label(), r_squared.join(", "))
+        let [lens, reading] = case.case.heading();
+        format!("True and fitted tilts: {lens}, {reading}. R² {}.", r_squared.join(", "))
     };
     let mut figures = study.cases().map(|case| Figure::new(plots::tilts(case), caption(case))).to_vec();
     let r_squared = published::TILTS.map(|tilt| tilt.r_squared.text()).join(", ");
@@ -150,8 +150,8 @@ fn depths(report: &mut Report, study: &Study) {
 
 fn table(report: &mut Report, comparison: &Comparison) {
     report.heading("As published and as found");
-    let [published, thin_paper, fresnel_paper, fresnel_model] =
-        Comparison::headings().map(|[first, second]| [first, second].join(" ").trim().to_owned());
+    let [published, thin_paper, fresnel_paper, fresnel_model] = Comparison::headings()
+        .map(|[first, second]| if second.is_empty() { first.to_owned() } else { format!("{first}, {second}") });
     for section in &comparison.sections {
         report.subheading(section.title);
         let columns = [

@@ -90,7 +90,7 @@ fn ends(study: &Study) -> [f64; 2] {
 /// Recovered z over recovered x of the tilted plates, with the fitted lines  [Ohno2018, Fig. 11].
 pub(super) fn tilts(case: &CaseStudy) -> String {
     let colours = [Colour::Blue, Colour::Vermilion, Colour::Green];
-    let mut chart = Chart::new("x, mm", "z, mm").x_range(-8.0, 8.0).y_range(285.0, 315.0);
+    let mut chart = Chart::new("x, mm", "z, mm").x_range(-8.0, 8.0).y_range(280.0, 315.0);
     for ((tilt, fit), colour) in published::TILTS.iter().zip(&case.tilts).zip(colours) {
         let reading = tilt::of_tilt(&case.readings, tilt.tilt_deg);
         let points: Vec<PlotPoint> = reading
@@ -121,5 +121,5 @@ pub(super) fn tilt_error(study: &Study) -> String {
         let points: Vec<PlotPoint> = published::TILTS.iter().zip(&case.tilts).map(error).collect();
         chart = chart.points(&case.case.label(), colour(case.case), &points);
     }
-    chart.into_svg()
+    chart.y_range(-6.0, 2.0).into_svg()
 }
