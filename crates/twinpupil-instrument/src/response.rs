@@ -50,6 +50,9 @@ pub struct BandResponse {
     pub band: String,
     /// Values at z node `k`, r node `i` stand at index `k · r_mm.count + i`.
     pub nodes: Vec<PointResponse>,
+    /// Light on the sensor from an evenly bright ground, relative to the unclipped pupil, at the nodes of
+    /// `image_radius_mm`: about the axis the masks shade it, at whatever distance it lies.
+    pub ground: Vec<f64>,
 }
 
 /// Throughput and image displacement of object points over (r, z), for every band, about the optical axis.
@@ -59,6 +62,8 @@ pub struct ResponseTable {
     pub r_mm: Grid,
     /// Distance from the lens, mm.
     pub z_mm: Grid,
+    /// Distance from the axis on the sensor, mm.
+    pub image_radius_mm: Grid,
     /// In the order of the instrument's bands.
     pub bands: Vec<BandResponse>,
 }
@@ -80,6 +85,13 @@ impl ResponseTable {
             throughput: blend(|node| node.throughput),
             radial_deviation_mm: blend(|node| node.radial_deviation_mm),
         }
+    }
+
+    /// Light of an evenly bright ground at a distance from the axis on the sensor, linear between nodes.
+    pub fn ground(&self, band: usize, image_radius_mm: f64) -> f64 {
+        let (i, fraction) = self.image_radius_mm.locate(image_radius_mm);
+        let ground = &self.bands[band].ground;
+        ground[i] + fraction * (ground[i + 1] - ground[i])
     }
 
     /// The image of a band at (r, z) and its throughput: the first-order image moved along its own radius.
@@ -105,7 +117,10 @@ mod tests {
                 radial_deviation_mm: deviation(r_mm.node(n % 5), z_mm.node(n / 5)),
             })
             .collect();
-        let table = ResponseTable { r_mm, z_mm, bands: vec![BandResponse { band: "a".to_owned(), nodes }] };
+        let image_radius_mm = Grid::spanning(0.0, 2.0, 3);
+        let band = BandResponse { band: "a".to_owned(), nodes, ground: vec![0.0, 0.5, 1.0] };
+        let table = ResponseTable { r_mm, z_mm, image_radius_mm, bands: vec![band] };
+        assert_eq!((table.ground(0, 0.5), table.ground(0, 9.0)), (0.25, 1.0));
         for (r, z) in [(0.0, 100.0), (1.3, 111.0), (4.0, 200.0), (3.99, 150.0)] {
             assert!((table.at(0, r, z).radial_deviation_mm - deviation(r, z)).abs() < 1e-12);
         }

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 use twinpupil_instrument::{BandResponse, DepthRange, Grid, Instrument, Lens, PointResponse, ResponseTable};
 
-use crate::{BandOptics, Camera, OpticsError};
+use crate::{BandOptics, Camera, ObjectRays, OpticsError, RayLedger, RayStarts};
 
 /// Finest table that is made by default, whatever the field of view.
 const NODES_MAX: usize = 2000;
@@ -11,25 +11,49 @@ const NODES_MAX: usize = 2000;
 /// Share by which the default table reaches beyond the depth range and the corner of the sensor.
 const MARGIN: f64 = 0.05;
 
-/// Tabulates throughput and centroid displacement of every band at the nodes of `r_mm` and `z_mm` (all above zero).
+/// Tabulates throughput and centroid displacement of every band at the nodes of `r_mm` and `z_mm` (all above zero), and
+/// the light of an evenly bright ground at the nodes of `image_radius_mm`.
 ///
 /// The displacement is that of the image's centroid from `Instrument::projection`, along the radius, zero where no
 /// light arrives. Object points lie along +x: with apertures off the axis the table holds for that azimuth only.
-pub fn response_table(camera: &Camera, r_mm: Grid, z_mm: Grid) -> ResponseTable {
+pub fn response_table(camera: &Camera, r_mm: Grid, z_mm: Grid, image_radius_mm: Grid) -> ResponseTable {
     let node = |optics: &BandOptics, index: usize| {
         response(optics, r_mm.node(index % r_mm.count), z_mm.node(index / r_mm.count))
     };
     let bands = camera.bands().iter().map(|optics| BandResponse {
         band: optics.name().to_owned(),
         nodes: (0..r_mm.count * z_mm.count).into_par_iter().map(|index| node(optics, index)).collect(),
+        ground: (0..image_radius_mm.count).into_par_iter().map(|i| ground(optics, image_radius_mm.node(i))).collect(),
     });
-    ResponseTable { r_mm, z_mm, bands: bands.collect() }
+    ResponseTable { r_mm, z_mm, image_radius_mm, bands: bands.collect() }
 }
 
 /// The response table of an instrument over [`response_grids`].
 pub fn response_table_for(instrument: &Instrument) -> Result<ResponseTable, OpticsError> {
     let (r_mm, z_mm) = response_grids(instrument);
-    Ok(response_table(&Camera::new(instrument)?, r_mm, z_mm))
+    let image_radius_mm = Grid::spanning(0.0, corner_radius_mm(instrument), GROUND_NODES);
+    Ok(response_table(&Camera::new(instrument)?, r_mm, z_mm, image_radius_mm))
+}
+
+/// Radii at which the light of an even ground is tabulated by default.
+const GROUND_NODES: usize = 257;
+
+/// Mean weight of rays spread evenly over the pupil from a point of the sensor, along +x: the light of an evenly bright
+/// ground, which does not depend on where the ground lies.
+fn ground(optics: &BandOptics, image_radius_mm: f64) -> f64 {
+    const RAYS: usize = 2048;
+    let golden_angle = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
+    let point = |k: usize| {
+        let (sin, cos) = (golden_angle * k as f64).sin_cos();
+        let radius = ((k as f64 + 0.5) / RAYS as f64).sqrt();
+        (radius * cos, radius * sin)
+    };
+    let (pupil_x, pupil_y): (Vec<f64>, Vec<f64>) = (0..RAYS).map(point).unzip();
+    let (image_x_mm, image_y_mm) = (vec![image_radius_mm; RAYS], vec![0.0; RAYS]);
+    let starts = RayStarts { image_x_mm: &image_x_mm, image_y_mm: &image_y_mm, pupil_x: &pupil_x, pupil_y: &pupil_y };
+    let mut rays = ObjectRays::default();
+    optics.trace(starts, &mut rays, &mut RayLedger::default());
+    rays.weight.iter().sum::<f64>() / RAYS as f64
 }
 
 /// Radii up to the corner of the sensor and distances of the depth range, both with a margin of 5 %.

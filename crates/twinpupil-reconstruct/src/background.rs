@@ -3,6 +3,7 @@
 use twinpupil_instrument::PlaneView;
 
 use crate::noise::Noise;
+use crate::shading::Shading;
 use crate::surface::{Sample, Surface};
 
 /// Whether features are brighter or darker than what surrounds them.
@@ -20,8 +21,8 @@ const SAMPLES: usize = 8192;
 /// Share of a tile that is surely ground, however many features it holds.
 const GROUND_SHARE: f64 = 0.1;
 
-/// Samples within this share of the contrast above the surface count as ground, round by round; at last only noise.
-const GROUND_LIMITS: [f32; 4] = [0.15, 0.03, 0.0, 0.0];
+/// Samples within this share of the contrast of the surface count as ground, round by round; at last only noise.
+const GROUND_LIMITS: [f32; 4] = [0.25, 0.05, 0.0, 0.0];
 
 /// Least distance from the surface within which samples count as ground, in standard deviations of a pixel.
 const GROUND_SIGMAS: f32 = 2.5;
@@ -40,8 +41,17 @@ pub(crate) struct Background {
 impl Background {
     /// Starts from the level that only a tenth of each tile lies beyond, then fits a surface to what lies near it,
     /// until features and their skirts are left out. `noise` gives the variance of a pixel where it is known.
-    pub(crate) fn estimate(plane: &PlaneView<'_>, polarity: Option<Polarity>, noise: Option<&Noise>) -> Self {
-        let samples = samples(plane);
+    /// `shading` is what the masks leave of an even ground; the surface is that of the light without them.
+    pub(crate) fn estimate(
+        plane: &PlaneView<'_>,
+        polarity: Option<Polarity>,
+        noise: Option<&Noise>,
+        shading: Option<&Shading>,
+    ) -> Self {
+        let mut samples = samples(plane);
+        if let Some(shading) = shading {
+            shading.undo(&mut samples);
+        }
         let mut surface = Surface::covering(plane);
         let polarity = polarity.unwrap_or_else(|| longer_tail(&samples, &mut surface));
         let share = match polarity {
@@ -56,7 +66,8 @@ impl Background {
                 ground.pixel_noise = noise.variance(ground.mean).sqrt();
             }
             let limit = (limit * contrast).max(GROUND_SIGMAS * ground.pixel_noise.max(0.5) as f32);
-            let near: Vec<Sample> = samples.iter().filter(|sample| ground.away(sample) <= limit).copied().collect();
+            // Both ways: where the masks leave a dark spot about the axis, the surface passes over it.
+            let near: Vec<Sample> = samples.iter().filter(|s| ground.away(s).abs() <= limit).copied().collect();
             ground.surface.fit(&near, samples.len());
             ground.mean = ground.surface.mean();
         }
@@ -133,7 +144,7 @@ mod tests {
     }
 
     fn estimate(frame: &Frame) -> (Background, Vec<f32>) {
-        let background = Background::estimate(&frame.plane(Mosaic::Mono, "0").expect("page 0"), None, None);
+        let background = Background::estimate(&frame.plane(Mosaic::Mono, "0").expect("page 0"), None, None, None);
         let mut row = vec![0.0; 400];
         background.fill_row(150, &mut row);
         (background, row)

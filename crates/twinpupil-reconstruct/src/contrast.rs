@@ -4,6 +4,7 @@ use twinpupil_instrument::PlaneView;
 
 use crate::background::{Background, Polarity, quantile};
 use crate::noise::Noise;
+use crate::shading::Shading;
 
 /// A plane of contrast in codes, row by row; features are positive.
 #[derive(Debug, Clone)]
@@ -25,24 +26,31 @@ const ROUNDING_NOISE: f64 = 0.29;
 
 impl Contrast {
     /// The contrast of a plane against its local background.
-    pub(crate) fn new(plane: &PlaneView<'_>, polarity: Option<Polarity>, noise: Option<&Noise>) -> Self {
-        let background = Background::estimate(plane, polarity, noise);
+    pub(crate) fn new(
+        plane: &PlaneView<'_>,
+        polarity: Option<Polarity>,
+        noise: Option<&Noise>,
+        shading: Option<&Shading>,
+    ) -> Self {
+        let background = Background::estimate(plane, polarity, noise, shading);
         let mut signal = Vec::with_capacity(plane.columns * plane.rows);
         let mut ground_row = vec![0.0_f32; plane.columns];
         for row in 0..plane.rows {
             background.fill_row(row, &mut ground_row);
+            let shaded = |column: usize| shading.map_or(1.0, |shading| shading.at(column, row));
             match background.polarity {
                 Polarity::Bright => {
-                    signal.extend(plane.row(row).zip(&ground_row).map(|(code, ground)| f32::from(code) - ground));
+                    let lit = ground_row.iter().enumerate().map(|(column, ground)| ground * shaded(column));
+                    signal.extend(plane.row(row).zip(lit).map(|(code, ground)| f32::from(code) - ground));
                 }
-                // A dark feature takes away a share of the light, so uneven light is divided out.
+                // A dark feature takes away a share of the light, so uneven light is divided out; what the masks take
+                // from the ground they take from the feature too, so that stays.
                 Polarity::Dark => {
                     let mean = background.mean as f32;
-                    signal.extend(
-                        plane.row(row).zip(&ground_row).map(|(code, &ground)| {
-                            (ground - f32::from(code)) * (mean / ground.max(0.05 * mean).max(1.0))
-                        }),
-                    );
+                    let lit = ground_row.iter().enumerate().map(|(column, &ground)| (ground, ground * shaded(column)));
+                    signal.extend(plane.row(row).zip(lit).map(|(code, (ground, lit))| {
+                        (lit - f32::from(code)) * (mean / ground.max(0.05 * mean).max(1.0))
+                    }));
                 }
             }
         }

@@ -11,6 +11,7 @@ use crate::noise::Noise;
 use crate::outline::{Outline, outlines};
 use crate::rejection::{Rejection, RejectionReason};
 use crate::relief::Relief;
+use crate::shading::Shading;
 use crate::window::Windows;
 
 /// How the centre of a feature is measured.
@@ -91,7 +92,18 @@ const SADDLE: f32 = 0.7;
 /// `noise` is that of the sensor where it is known; without it, background scatter is taken for all of the noise.
 /// `band` names the band in rejections.
 pub fn detect(plane: &PlaneView<'_>, band: &str, noise: Option<&Noise>, options: &DetectOptions) -> Detection {
-    let contrast = Contrast::new(plane, options.polarity, noise);
+    detect_shaded(plane, band, noise, None, options)
+}
+
+/// [`detect`] on a ground that the masks shade.
+pub(crate) fn detect_shaded(
+    plane: &PlaneView<'_>,
+    band: &str,
+    noise: Option<&Noise>,
+    shading: Option<&Shading>,
+    options: &DetectOptions,
+) -> Detection {
+    let contrast = Contrast::new(plane, options.polarity, noise, shading);
     let (relief, found) = find(&contrast, options);
     let background_noise =
         Noise { floor_codes2: f64::from(contrast.pixel_noise).powi(2), slope_codes: 0.0, black_level: 0.0 };

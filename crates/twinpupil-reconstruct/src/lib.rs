@@ -24,6 +24,7 @@ mod pipeline;
 mod position;
 mod rejection;
 mod relief;
+mod shading;
 mod slope;
 mod surface;
 mod window;

@@ -22,6 +22,15 @@ impl Model {
         Self { projections: instrument.projections(), bands, table }
     }
 
+    /// What the lens adds to first order, where it is known, with the index of a role's band in it.
+    pub(crate) fn table(&self, role: Role) -> Option<(&ResponseTable, usize)> {
+        let index = match role {
+            Role::Telecentric => 0,
+            Role::Entocentric => 1,
+        };
+        self.table.as_ref().map(|table| (table, self.bands[index]))
+    }
+
     /// First-order images of an object point.
     pub(crate) fn chief_images(&self, object_mm: [f64; 3]) -> ImagePair {
         self.projections.map(|projection| projection.image(object_mm))
@@ -134,8 +143,9 @@ mod tests {
     fn table(response: impl Fn(f64) -> PointResponse) -> ResponseTable {
         let (r_mm, z_mm) = (Grid::spanning(0.0, 10.0, 401), Grid::spanning(240.0, 360.0, 2));
         let nodes: Vec<PointResponse> = (0..802).map(|n| response(r_mm.node(n % 401))).collect();
-        let bands = ["red", "blue"].map(|band| BandResponse { band: band.to_owned(), nodes: nodes.clone() });
-        ResponseTable { r_mm, z_mm, bands: bands.to_vec() }
+        let band = |name: &str| BandResponse { band: name.to_owned(), nodes: nodes.clone(), ground: vec![1.0; 2] };
+        let image_radius_mm = Grid::spanning(0.0, 10.0, 2);
+        ResponseTable { r_mm, z_mm, image_radius_mm, bands: ["red", "blue"].map(band).to_vec() }
     }
 
     #[test]

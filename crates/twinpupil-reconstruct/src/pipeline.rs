@@ -1,14 +1,17 @@
 //! The whole way from a frame to points, as in Section 3 of the paper: planes, features, pairs, positions.
 
-use thiserror::Error;
-use twinpupil_instrument::{Frame, FrameError, Instrument, PixelPoint, ResponseTable, Role};
+use std::sync::OnceLock;
 
-use crate::detect::{DetectOptions, Detection, Estimator, Feature, detect};
+use thiserror::Error;
+use twinpupil_instrument::{Frame, FrameError, Instrument, PixelPoint, PlaneView, ResponseTable, Role};
+
+use crate::detect::{DetectOptions, Detection, Estimator, Feature, detect_shaded};
 use crate::matching::{Match, MatchOptions, pair_up};
 use crate::model::{Disc, Model};
 use crate::noise::Noise;
 use crate::position::{MeasuredPair, Position, first_order_position_mm, model_position, paper_position};
 use crate::rejection::{Rejection, RejectionReason};
+use crate::shading::Shading;
 use crate::slope::local_slopes;
 
 /// How points are computed.
@@ -90,6 +93,7 @@ pub struct Reconstructor {
     instrument: Instrument,
     model: Model,
     options: Options,
+    shadings: [OnceLock<Shading>; 2],
 }
 
 impl Reconstructor {
@@ -103,7 +107,7 @@ impl Reconstructor {
         };
         let model = Model::new(&instrument, table.filter(|_| options.mode == Mode::Centroid));
         let options = Options { detect: DetectOptions { estimator, ..options.detect }, ..options };
-        Self { instrument, model, options }
+        Self { instrument, model, options, shadings: Default::default() }
     }
 
     /// Reads one frame.
@@ -130,7 +134,20 @@ impl Reconstructor {
         let band = self.instrument.band(role);
         let plane = frame.plane(self.instrument.sensor.mosaic, &band.plane)?;
         let noise = Noise::of_sensor(&self.instrument.sensor, frame.code_max());
-        Ok(detect(&plane, &band.name, Some(&noise), &self.options.detect))
+        let shading = self.shading(role, &plane);
+        Ok(detect_shaded(&plane, &band.name, Some(&noise), shading, &self.options.detect))
+    }
+
+    /// What the masks leave of an even ground, computed with the first frame; `None` without a response table, or for
+    /// planes of another size.
+    fn shading(&self, role: Role, plane: &PlaneView<'_>) -> Option<&Shading> {
+        let (table, band) = self.model.table(role)?;
+        let place = match role {
+            Role::Telecentric => &self.shadings[0],
+            Role::Entocentric => &self.shadings[1],
+        };
+        let shading = place.get_or_init(|| Shading::of(table, band, &self.instrument.sensor, plane));
+        shading.fits(plane).then_some(shading)
     }
 
     /// Turns pairs into points, and whatever is left into rejections.

@@ -1,0 +1,47 @@
+//! What the masks leave of an evenly bright ground: a dark spot about the axis, known from the optics.
+
+use twinpupil_instrument::{ImagePoint, PixelPoint, PlaneView, ResponseTable, Sensor};
+
+use crate::surface::Sample;
+
+/// Share of the ground's light in every pixel of a plane, row by row.
+#[derive(Debug, Clone)]
+pub(crate) struct Shading {
+    columns: usize,
+    shares: Vec<f32>,
+}
+
+/// Pixels with less of the ground's light than this say nothing of it.
+const SHARE_MIN: f32 = 0.5;
+
+impl Shading {
+    /// The shading of a band's plane.
+    pub(crate) fn of(table: &ResponseTable, band: usize, sensor: &Sensor, plane: &PlaneView<'_>) -> Self {
+        let share = |index: usize| {
+            let (column, row) = (index % plane.columns, index / plane.columns);
+            let pixel = PixelPoint { u: plane.frame_u_px(column as f64), v: plane.frame_v_px(row as f64) };
+            let image: ImagePoint = sensor.image_from_pixel(pixel);
+            table.ground(band, image.radius_mm()) as f32
+        };
+        Self { columns: plane.columns, shares: (0..plane.columns * plane.rows).map(share).collect() }
+    }
+
+    /// Whether it was made for a plane of this size.
+    pub(crate) fn fits(&self, plane: &PlaneView<'_>) -> bool {
+        self.columns == plane.columns && self.shares.len() == plane.columns * plane.rows
+    }
+
+    /// Share of the ground's light in one pixel.
+    pub(crate) fn at(&self, column: usize, row: usize) -> f32 {
+        self.shares[row * self.columns + column]
+    }
+
+    /// Divides samples by their share of the light and leaves out those with too little.
+    pub(crate) fn undo(&self, samples: &mut Vec<Sample>) {
+        samples.retain_mut(|sample| {
+            let share = self.at(sample.column as usize, sample.row as usize);
+            sample.code /= share;
+            share >= SHARE_MIN
+        });
+    }
+}
