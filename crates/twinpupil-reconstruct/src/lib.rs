@@ -27,6 +27,7 @@ mod relief;
 mod shading;
 mod slope;
 mod surface;
+mod unmix;
 mod window;
 
 pub use background::Polarity;

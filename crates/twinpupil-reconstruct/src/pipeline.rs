@@ -1,9 +1,10 @@
 //! The whole way from a frame to points, as in Section 3 of the paper: planes, features, pairs, positions.
 
+use std::borrow::Cow;
 use std::sync::OnceLock;
 
 use thiserror::Error;
-use twinpupil_instrument::{Frame, FrameError, Instrument, PixelPoint, PlaneView, ResponseTable, Role};
+use twinpupil_instrument::{Frame, FrameError, Instrument, PixelPoint, PlaneView, ResponseMatrix, ResponseTable, Role};
 
 use crate::detect::{DetectOptions, Detection, Estimator, Feature, detect_shaded};
 use crate::matching::{Match, MatchOptions, pair_up};
@@ -13,6 +14,7 @@ use crate::position::{MeasuredPair, Position, first_order_position_mm, model_pos
 use crate::rejection::{Rejection, RejectionReason};
 use crate::shading::Shading;
 use crate::slope::local_slopes;
+use crate::unmix::Crosstalk;
 
 /// How points are computed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -84,6 +86,22 @@ pub enum ReconstructError {
     },
 }
 
+/// A frame without crosstalk, and the noise of its codes.
+struct Clean<'a> {
+    frame: Cow<'a, Frame>,
+    noise: Noise,
+}
+
+impl<'a> Clean<'a> {
+    fn of(reconstructor: &Reconstructor, frame: &'a Frame) -> Result<Self, FrameError> {
+        let noise = Noise::of_sensor(&reconstructor.instrument.sensor, frame.code_max());
+        let Some(crosstalk) = &reconstructor.crosstalk else { return Ok(Self { frame: Cow::Borrowed(frame), noise }) };
+        let unmixed = crosstalk.unmixed(frame, &reconstructor.instrument)?;
+        let noise = noise.raised(unmixed.pedestal);
+        Ok(Self { frame: Cow::Owned(unmixed.into_frame(frame)?), noise })
+    }
+}
+
 /// Times that points and the tilts between them are computed in turn.
 const TILT_ROUNDS: usize = 2;
 
@@ -94,6 +112,7 @@ pub struct Reconstructor {
     model: Model,
     options: Options,
     shadings: [OnceLock<Shading>; 2],
+    crosstalk: Option<Crosstalk>,
 }
 
 impl Reconstructor {
@@ -107,7 +126,13 @@ impl Reconstructor {
         };
         let model = Model::new(&instrument, table.filter(|_| options.mode == Mode::Centroid));
         let options = Options { detect: DetectOptions { estimator, ..options.detect }, ..options };
-        Self { instrument, model, options, shadings: Default::default() }
+        Self { instrument, model, options, shadings: Default::default(), crosstalk: None }
+    }
+
+    /// Takes the crosstalk between the two planes off every frame before anything is measured.
+    #[must_use]
+    pub fn unmixing(self, response: &ResponseMatrix) -> Self {
+        Self { crosstalk: Crosstalk::of(&self.instrument, response), ..self }
     }
 
     /// Reads one frame.
@@ -116,8 +141,9 @@ impl Reconstructor {
         if found_px != self.instrument.sensor.size_px {
             return Err(ReconstructError::Size { found_px, sensor_px: self.instrument.sensor.size_px });
         }
-        let telecentric = self.detect(frame, Role::Telecentric)?;
-        let entocentric = self.detect(frame, Role::Entocentric)?;
+        let clean = Clean::of(self, frame)?;
+        let telecentric = self.detect_clean(&clean, Role::Telecentric)?;
+        let entocentric = self.detect_clean(&clean, Role::Entocentric)?;
         let pairs = pair_up(
             &self.model,
             &self.instrument.sensor,
@@ -131,11 +157,14 @@ impl Reconstructor {
 
     /// The features of the band with a role.
     pub fn detect(&self, frame: &Frame, role: Role) -> Result<Detection, FrameError> {
+        self.detect_clean(&Clean::of(self, frame)?, role)
+    }
+
+    fn detect_clean(&self, clean: &Clean<'_>, role: Role) -> Result<Detection, FrameError> {
         let band = self.instrument.band(role);
-        let plane = frame.plane(self.instrument.sensor.mosaic, &band.plane)?;
-        let noise = Noise::of_sensor(&self.instrument.sensor, frame.code_max());
+        let plane = clean.frame.plane(self.instrument.sensor.mosaic, &band.plane)?;
         let shading = self.shading(role, &plane);
-        Ok(detect_shaded(&plane, &band.name, Some(&noise), shading, &self.options.detect))
+        Ok(detect_shaded(&plane, &band.name, Some(&clean.noise), shading, &self.options.detect))
     }
 
     /// What the masks leave of an even ground, computed with the first frame; `None` without a response table, or for
