@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use rayon::prelude::*;
 use serde::Serialize;
-use twinpupil_instrument::Mosaic;
-use twinpupil_reconstruct::{DetectOptions, Noise, Rejection, detect};
+use twinpupil_instrument::{Mosaic, Role};
+use twinpupil_reconstruct::{DetectOptions, Options, Reconstructor, Rejection, detect};
 
 use super::destination::pretty;
 use super::options::PolarityOption;
@@ -55,9 +55,17 @@ fn mosaic(text: &str) -> Result<Mosaic, String> {
 struct Target {
     format: FrameFormat,
     mosaic: Mosaic,
-    /// Name and plane of every band.
-    bands: Vec<(String, String)>,
-    instrument: Option<LoadedInstrument>,
+    bands: Vec<Band>,
+    /// With an instrument, its noise, shading and crosstalk are known.
+    reconstructor: Option<Reconstructor>,
+    options: DetectOptions,
+}
+
+/// A plane to search.
+struct Band {
+    name: String,
+    plane: String,
+    role: Option<Role>,
 }
 
 /// What `--json` prints: one entry for each band of each frame.
@@ -77,15 +85,15 @@ struct Done {
 
 /// Runs `twinpupil detect`.
 pub fn run(args: &Args, console: &Console) -> Result<()> {
-    let target = Target::of(args)?;
+    let options = DetectOptions { polarity: args.polarity.polarity(), ..DetectOptions::default() };
+    let target = Target::of(args, options)?;
     for path in args.output.iter().chain(&args.rejected) {
         check_table_path(path)?;
         output::check(path)?;
     }
-    let options = DetectOptions { polarity: args.polarity.polarity(), ..DetectOptions::default() };
     let bar = console.progress(args.frames.len() as u64, "detecting");
     let one = |path: &PathBuf| {
-        let done = target.search(path, &options);
+        let done = target.search(path);
         bar.inc(1);
         done
     };
@@ -102,12 +110,9 @@ pub fn run(args: &Args, console: &Console) -> Result<()> {
 }
 
 impl Target {
-    fn of(args: &Args) -> Result<Self> {
+    fn of(args: &Args, options: DetectOptions) -> Result<Self> {
         if let Some(path) = &args.instrument {
-            let loaded = LoadedInstrument::load(path)?;
-            let bands = loaded.instrument.bands.iter().map(|band| (band.name.clone(), band.plane.clone())).collect();
-            let format = FrameFormat::of_instrument(&loaded.instrument);
-            return Ok(Self { format, mosaic: loaded.instrument.sensor.mosaic, bands, instrument: Some(loaded) });
+            return Self::of_instrument(&LoadedInstrument::load(path)?, options);
         }
         let Some(mosaic) = args.mosaic else { bail!("--instrument or --mosaic is needed") };
         let pages = args.plane.iter().map(|plane| mosaic.site(plane).map(|site| site.page + 1));
@@ -115,21 +120,43 @@ impl Target {
             bail!("--plane {}: a sensor `{}` has no such plane", args.plane.join(" --plane "), mosaic.name());
         };
         let format = FrameFormat::bare(mosaic, pages.into_iter().max().unwrap_or(1));
-        let bands = args.plane.iter().map(|plane| (plane.clone(), plane.clone())).collect();
-        Ok(Self { format, mosaic, bands, instrument: None })
+        let band = |plane: &String| Band { name: plane.clone(), plane: plane.clone(), role: None };
+        Ok(Self { format, mosaic, bands: args.plane.iter().map(band).collect(), reconstructor: None, options })
     }
 
-    fn search(&self, path: &Path, options: &DetectOptions) -> Result<Done> {
+    fn of_instrument(loaded: &LoadedInstrument, options: DetectOptions) -> Result<Self> {
+        let instrument = &loaded.instrument;
+        let table = twinpupil_optics::response_table_for(instrument)?;
+        let settings = Options { detect: options, ..Options::default() };
+        let reconstructor =
+            Reconstructor::new(instrument.clone(), Some(table), settings).unmixing(&loaded.response_matrix()?);
+        let band = |band: &twinpupil_instrument::Band| Band {
+            name: band.name.clone(),
+            plane: band.plane.clone(),
+            role: Some(band.role),
+        };
+        Ok(Self {
+            format: FrameFormat::of_instrument(instrument),
+            mosaic: instrument.sensor.mosaic,
+            bands: instrument.bands.iter().map(band).collect(),
+            reconstructor: Some(reconstructor),
+            options,
+        })
+    }
+
+    fn search(&self, path: &Path) -> Result<Done> {
         let frame = read_frame(path, &self.format)?;
         let name = path.display().to_string();
-        let noise = self.instrument.as_ref().map(|own| Noise::of_sensor(&own.instrument.sensor, frame.code_max()));
         let mut bands = Vec::with_capacity(self.bands.len());
         let mut rejected: Vec<Rejection> = Vec::new();
-        for (band, plane) in &self.bands {
-            let view = frame.plane(self.mosaic, plane).with_context(|| name.clone())?;
-            let found = detect(&view, band, noise.as_ref(), options);
+        for band in &self.bands {
+            let found = match (&self.reconstructor, band.role) {
+                (Some(reconstructor), Some(role)) => reconstructor.detect(&frame, role),
+                _ => frame.plane(self.mosaic, &band.plane).map(|view| detect(&view, &band.name, None, &self.options)),
+            };
+            let found = found.with_context(|| name.clone())?;
             rejected.extend(found.rejected);
-            bands.push(BandFeatures { frame: name.clone(), band: band.clone(), features: found.features });
+            bands.push(BandFeatures { frame: name.clone(), band: band.name.clone(), features: found.features });
         }
         Ok(Done { bands, rejected: FrameRejections { frame: name, rejected } })
     }

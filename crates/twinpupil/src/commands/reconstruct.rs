@@ -4,10 +4,11 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use clap::ValueEnum;
 use rayon::prelude::*;
 use serde::Serialize;
+use twinpupil_instrument::{Band, Frame};
 use twinpupil_reconstruct::{DetectOptions, Mode, Options, Reconstruction, Reconstructor};
 
 use super::destination::pretty;
@@ -62,6 +63,7 @@ struct Summary {
     mode: String,
     points: usize,
     ambiguous: usize,
+    bands: Vec<BandSummary>,
     /// Number of rejected features by reason.
     rejected: BTreeMap<&'static str, usize>,
     /// Time spent on reading files and on computing, summed over threads.
@@ -77,12 +79,25 @@ struct FrameSummary {
     frame: String,
     points: usize,
     rejected: usize,
+    /// Why there is no point, if so.
+    empty: Option<String>,
+}
+
+/// What became of the features of one band: found = points + rejected.
+#[derive(Debug, Serialize)]
+struct BandSummary {
+    band: String,
+    found: usize,
+    points: usize,
+    rejected: usize,
 }
 
 /// One frame, read and reconstructed.
 struct Done {
     frame: String,
     reconstruction: Reconstruction,
+    /// Why there is no point, if so.
+    empty: Option<String>,
     read_seconds: f64,
     compute_seconds: f64,
 }
@@ -111,7 +126,16 @@ pub fn run(args: &Args, console: &Console) -> Result<()> {
     let (points, rejected) = tables(frames);
     write(args, &points, &rejected)?;
     lines(&summary).iter().for_each(|line| console.note(line));
-    if args.json { output::write_stdout(pretty(&summary)?.as_bytes()) } else { Ok(()) }
+    if args.json {
+        output::write_stdout(pretty(&summary)?.as_bytes())?;
+    }
+    match summary.frames.first() {
+        Some(FrameSummary { frame, empty: Some(why), .. }) if summary.points == 0 => {
+            let others = if summary.frames.len() > 1 { ", and none from the other frames" } else { "" };
+            bail!("{frame}: no points, because {why}{others}")
+        }
+        _ => Ok(()),
+    }
 }
 
 fn reconstructor(args: &Args, loaded: &LoadedInstrument) -> Result<Reconstructor> {
@@ -124,7 +148,8 @@ fn reconstructor(args: &Args, loaded: &LoadedInstrument) -> Result<Reconstructor
         Mode::Paper => None,
         Mode::Centroid => Some(twinpupil_optics::response_table_for(&loaded.instrument)?),
     };
-    Ok(Reconstructor::new(loaded.instrument.clone(), table, Options { mode, detect, ..Options::default() }))
+    let options = Options { mode, detect, ..Options::default() };
+    Ok(Reconstructor::new(loaded.instrument.clone(), table, options).unmixing(&loaded.response_matrix()?))
 }
 
 fn reconstruct(reconstructor: &Reconstructor, format: &FrameFormat, path: &Path) -> Result<Done> {
@@ -132,8 +157,22 @@ fn reconstruct(reconstructor: &Reconstructor, format: &FrameFormat, path: &Path)
     let frame = read_frame(path, format)?;
     let read_seconds = start.elapsed().as_secs_f64();
     let reconstruction = reconstructor.frame(&frame).with_context(|| path.display().to_string())?;
+    let empty = reconstruction.points.is_empty().then(|| why_empty(&frame, &reconstruction));
     let compute_seconds = start.elapsed().as_secs_f64() - read_seconds;
-    Ok(Done { frame: path.display().to_string(), reconstruction, read_seconds, compute_seconds })
+    Ok(Done { frame: path.display().to_string(), reconstruction, empty, read_seconds, compute_seconds })
+}
+
+/// Why a frame gives no point.
+fn why_empty(frame: &Frame, reconstruction: &Reconstruction) -> String {
+    let code = frame.pages()[0][0];
+    let constant = frame.pages().iter().flatten().all(|other| *other == code);
+    match (constant, reconstruction.rejected.len()) {
+        (true, _) if code == frame.code_max() => format!("every pixel is saturated at {code}"),
+        (true, _) => format!("every pixel reads {code}"),
+        (false, 0) => "no feature stands out of the noise".to_owned(),
+        (false, 1) => "its only feature was rejected".to_owned(),
+        (false, rejected) => format!("all of its {rejected} features were rejected"),
+    }
 }
 
 fn tables(frames: Vec<Done>) -> (Table, Table) {
@@ -164,18 +203,30 @@ fn summary(args: &Args, loaded: &LoadedInstrument, frames: &[Done], wall_seconds
         frame: done.frame.clone(),
         points: done.reconstruction.points.len(),
         rejected: done.reconstruction.rejected.len(),
+        empty: done.empty.clone(),
     };
     Summary {
         instrument: loaded.instrument.name.clone(),
         mode: format!("{:?}", args.mode).to_lowercase(),
         points: points().count(),
         ambiguous: points().filter(|point| point.ambiguous).count(),
+        bands: bands(loaded, frames),
         rejected,
         read_seconds: frames.iter().map(|done| done.read_seconds).sum(),
         compute_seconds: frames.iter().map(|done| done.compute_seconds).sum(),
         wall_seconds,
         frames: frames.iter().map(frame).collect(),
     }
+}
+
+fn bands(loaded: &LoadedInstrument, frames: &[Done]) -> Vec<BandSummary> {
+    let points: usize = frames.iter().map(|done| done.reconstruction.points.len()).sum();
+    let one = |band: &Band| {
+        let rejections = frames.iter().flat_map(|done| &done.reconstruction.rejected);
+        let rejected = rejections.filter(|rejection| rejection.band == band.name).count();
+        BandSummary { band: band.name.clone(), found: points + rejected, points, rejected }
+    };
+    loaded.instrument.bands.iter().map(one).collect()
 }
 
 /// The summary for a human.
@@ -188,9 +239,12 @@ fn lines(summary: &Summary) -> Vec<String> {
         summary.ambiguous,
         rejections(&summary.rejected),
     )];
-    for empty in summary.frames.iter().filter(|frame| frame.points == 0) {
-        let why = if empty.rejected == 0 { "no features were found" } else { "every feature was rejected" };
-        lines.push(format!("{}: no points, because {why}", empty.frame));
+    for BandSummary { band, found, points, rejected } in &summary.bands {
+        lines.push(format!("{band}: {found} features found = {points} in points + {rejected} rejected"));
+    }
+    if summary.points > 0 {
+        let empty = summary.frames.iter().filter_map(|frame| Some((&frame.frame, frame.empty.as_ref()?)));
+        lines.extend(empty.map(|(frame, why)| format!("{frame}: no points, because {why}")));
     }
     let (read_ms, compute_ms) =
         (1e3 * summary.read_seconds / frames as f64, 1e3 * summary.compute_seconds / frames as f64);

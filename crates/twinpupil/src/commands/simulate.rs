@@ -35,9 +35,9 @@ pub struct Args {
     /// Also write where the dots are: .csv or .ply
     #[arg(long, value_name = "FILE")]
     truth: Option<PathBuf>,
-    /// Rays over the pupil for every pixel and band
-    #[arg(long, value_name = "N", default_value_t = 256, value_parser = samples)]
-    samples: usize,
+    /// Rays over the pupil for every pixel and band; 256 if left out, 1024 with --noiseless
+    #[arg(long, value_name = "N", value_parser = samples)]
+    samples: Option<usize>,
     /// Write the expected values, without noise
     #[arg(long)]
     noiseless: bool,
@@ -47,6 +47,14 @@ pub struct Args {
     /// Print a summary as JSON
     #[arg(long)]
     json: bool,
+}
+
+impl Args {
+    /// Rays over the pupil. What 256 leave of an error is below the noise, but not below the rounding of a frame
+    /// without it.
+    fn samples(&self) -> usize {
+        self.samples.unwrap_or(if self.noiseless { 1024 } else { 256 })
+    }
 }
 
 /// A legal number of rays over the pupil.
@@ -93,7 +101,7 @@ pub fn run(args: &Args, console: &Console) -> Result<()> {
     }
 
     let start = Instant::now();
-    let options = SimulateOptions { pupil_samples: args.samples, noiseless: args.noiseless, seed: args.seed };
+    let options = SimulateOptions { pupil_samples: args.samples(), noiseless: args.noiseless, seed: args.seed };
     let bar = console.progress(STEPS as u64, "simulating");
     let progress = |share: f64| bar.set_position((STEPS * share) as u64);
     let simulation = simulate(&loaded.instrument, &scene, &loaded.response_matrix()?, &options, &progress)?;
@@ -133,7 +141,7 @@ fn summary<'a>(
         frame: args.output.display().to_string(),
         size_px: [frame.width_px(), frame.height_px()],
         dots: scene.dots().len(),
-        pupil_samples: args.samples,
+        pupil_samples: args.samples(),
         noiseless: args.noiseless,
         saturated_pixels: saturated_pixels(frame),
         seconds,

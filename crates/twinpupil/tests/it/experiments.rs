@@ -75,7 +75,7 @@ fn a_reader_who_leaves_early_still_gets_the_folder() {
 
 /// Two independent programs give these depths by the paper's equations through an ideal lens.
 #[test]
-#[ignore = "traces the Fresnel lens for about a minute"]
+#[ignore = "traces the Fresnel lens for half a minute"]
 fn the_paper_is_reproduced() {
     let workplace = Workplace::new();
     let summary: Value = serde_json::from_str(&workplace.succeed("reproduce --quick --samples 32 --json -q")).unwrap();

@@ -29,8 +29,8 @@ pub struct Args {
     /// Seed of the plate's dots and of the sensor's noise
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(..1 << 32))]
     seed: u64,
-    /// Rays over the pupil for every pixel and band, thin lens; the Fresnel lens, which costs far more, gets a quarter
-    #[arg(long, value_name = "N", default_value_t = 64, value_parser = samples)]
+    /// Rays over the pupil for every pixel and band, thin lens; the Fresnel lens, which costs more, gets a quarter
+    #[arg(long, value_name = "N", default_value_t = 256, value_parser = samples)]
     samples: usize,
     /// Distances in steps of 50 mm instead of 10 mm
     #[arg(long)]
