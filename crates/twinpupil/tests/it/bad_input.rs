@@ -163,12 +163,16 @@ fn absurd_sizes_without_an_instrument() {
 #[test]
 fn empty_scenes_give_empty_tables_that_say_why() {
     let workplace = Workplace::new();
-    for (name, code) in [("black.tif", 0), ("white.tif", 4095)] {
+    for (name, code, why) in [
+        ("black.tif", 0, "every pixel reads 0"),
+        ("grey.tif", 77, "every pixel reads 77"),
+        ("white.tif", 4095, "every pixel is saturated at 4095"),
+    ] {
         workplace.write(name, grey_tiff(1, code));
         let output = workplace.run(&format!("reconstruct {name} --instrument small.toml -o points.csv"));
         let summary = String::from_utf8(output.stderr).unwrap();
-        assert_eq!(output.status.code(), Some(0), "{summary}");
-        assert!(summary.contains(&format!("{name}: no points, because ")), "{summary}");
+        assert_eq!(output.status.code(), Some(1), "{summary}");
+        assert!(summary.contains(&format!("{name}: no points, because {why}\n")), "{summary}");
         assert_eq!(workplace.read("points.csv").lines().count(), 1);
     }
 }
