@@ -21,11 +21,12 @@ pub(crate) fn cartesian_means(windows: &mut Windows<'_>, contrast: &Contrast, no
     const ROUNDS: usize = 14;
     const RESTING: f64 = 1e-3;
     const RATIO_MAX: f64 = 0.85;
+    const SETTLING: usize = 2;
     let count = windows.centres.len();
     let mut centres = vec![None; count];
     let mut steps = vec![[0.0_f64; 2]; count];
     let mut restless: Vec<usize> = (0..count).collect();
-    for _ in 0..ROUNDS {
+    for round in 0..ROUNDS {
         restless.retain(|&feature| {
             let before = windows.centres[feature];
             centres[feature] = cartesian_mean(windows, contrast, noise, feature);
@@ -38,7 +39,9 @@ pub(crate) fn cartesian_means(windows: &mut Windows<'_>, contrast: &Contrast, no
                 steps[feature][axis] = step;
             }
             windows.centres[feature] = *position;
-            steps[feature][0].hypot(steps[feature][1]) > RESTING
+            // What rests among neighbours that have hardly begun to move may be moved by them yet.
+            let settling = windows.overlaps(feature) && round < SETTLING;
+            settling || steps[feature][0].hypot(steps[feature][1]) > RESTING
         });
         if restless.is_empty() {
             break;

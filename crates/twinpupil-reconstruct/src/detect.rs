@@ -173,7 +173,8 @@ impl Measure<'_> {
 
     /// Centres and reaches of outlines, pixels of the plane.
     fn discs(&self, found: &[Outline]) -> Vec<([f64; 2], f64)> {
-        let disc = |outline: &Outline| (self.plane_centre(outline), outline.reach * self.relief.scale as f64);
+        let reach = |outline: &Outline| outline.extent(self.relief.columns) + outline.skirt;
+        let disc = |outline: &Outline| (self.plane_centre(outline), reach(outline) * self.relief.scale as f64);
         found.iter().map(disc).collect()
     }
 
@@ -233,8 +234,7 @@ impl Measure<'_> {
 
     /// Whether a feature's skirt is so wide that the lattice cannot matter; what the relief adds to it is allowed for.
     fn has_soft_edge(&self, outline: &Outline) -> bool {
-        let skirt = (outline.reach - outline.extent(self.relief.columns)) * self.relief.scale as f64;
-        skirt > 2.0 * BLUR_MAX + 2.0 * self.relief.scale as f64
+        outline.skirt * self.relief.scale as f64 > 2.0 * BLUR_MAX + 2.0 * self.relief.scale as f64
     }
 
     fn feature(&self, outline: &Outline, centre: Centre, overlapped: bool) -> Feature {

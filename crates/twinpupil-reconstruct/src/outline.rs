@@ -13,8 +13,8 @@ pub(crate) struct Outline {
     pub(crate) centre: [f64; 2],
     /// Typical contrast at the top, codes.
     pub(crate) height: f32,
-    /// Distance from the centre at which its light ends, faint skirts included, pixels of the relief.
-    pub(crate) reach: f64,
+    /// Width of the faint skirt about it, pixels of the relief.
+    pub(crate) skirt: f64,
     /// Whether a pixel lies on the edge of the relief.
     pub(crate) touches_edge: bool,
 }
@@ -44,7 +44,7 @@ pub(crate) fn outlines(relief: &Relief, basins: &Basins, skirt: f32) -> Vec<Outl
         }
     }
     for outline in &mut outlines {
-        outline.reach = reach(relief, outline.centre, skirt);
+        outline.skirt = skirt_width(relief, outline.centre, outline.height, skirt);
     }
     outlines
 }
@@ -59,7 +59,7 @@ impl Outline {
             touches_edge |= column == 0 || row == 0 || column + 1 == columns || row + 1 == rows;
         }
         let count = pixels.len() as f64;
-        Self { centre: sum.map(|s| s / count), pixels, height, reach: 0.0, touches_edge }
+        Self { centre: sum.map(|s| s / count), pixels, height, skirt: 0.0, touches_edge }
     }
 
     /// Distance from the centre to its farthest pixel, pixels of the relief.
@@ -92,29 +92,32 @@ impl Outline {
 const RAYS: usize = 16;
 const STRIDE: f64 = 0.5;
 
-/// How far a feature's light reaches: the farthest of the rays that end in the ground. Rays that climb a neighbour
-/// before they get there do not count, unless all do.
-fn reach(relief: &Relief, centre: [f64; 2], skirt: f32) -> f64 {
-    let (mut free, mut hemmed) = (0.0_f64, 0.0_f64);
-    for ray in 0..RAYS {
+/// Which of the rays' skirts counts, from the narrowest to the widest.
+const SKIRT_RANK: f64 = 0.8;
+
+/// How wide the skirt of a feature is: along each ray, from where its light falls below half its height to where it
+/// ends in the ground. A ray that climbs a neighbour before it gets there ends where it turns.
+fn skirt_width(relief: &Relief, centre: [f64; 2], height: f32, ground: f32) -> f64 {
+    let mut widths = [0.0_f32; RAYS];
+    for (ray, width) in widths.iter_mut().enumerate() {
         let (sin, cos) = (std::f64::consts::TAU * ray as f64 / RAYS as f64).sin_cos();
-        let (mut lowest, mut lowest_at) = (f32::INFINITY, 0.0);
-        let mut distance = 1.0;
+        let (mut edge, mut lowest) = (None, f32::INFINITY);
+        let mut distance = 0.0;
         while let Some(value) = relief.near(centre[0] + distance * cos, centre[1] + distance * sin) {
-            if value <= skirt {
-                free = free.max(distance);
-                break;
+            if value < 0.5 * height {
+                let edge = *edge.get_or_insert(distance);
+                if value < lowest {
+                    (lowest, *width) = (value, (distance - edge) as f32);
+                }
             }
-            if value < lowest {
-                (lowest, lowest_at) = (value, distance);
-            } else if value > 2.0 * lowest + skirt {
-                hemmed = hemmed.max(lowest_at);
+            let turned = edge.is_some() && value > 2.0 * lowest + ground;
+            if value <= ground || turned {
                 break;
             }
             distance += STRIDE;
         }
     }
-    if free > 0.0 { free } else { hemmed }
+    f64::from(quantile(&mut widths, SKIRT_RANK))
 }
 
 /// Columns and rows of pixels with rising indices, without a division for each.

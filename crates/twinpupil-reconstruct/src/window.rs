@@ -1,5 +1,7 @@
 //! The light of one feature: a round window about its centre, with what belongs to its neighbours taken out.
 
+use std::ops::RangeInclusive;
+
 use crate::contrast::Contrast;
 
 /// Round windows about all features of a plane. Where windows overlap, each pixel's light is shared.
@@ -46,12 +48,26 @@ impl<'a> Windows<'a> {
     /// Visits the pixels of a feature's window, each with the feature's share of its light.
     pub(crate) fn for_each_pixel(&self, feature: usize, mut visit: impl FnMut(WindowPixel)) {
         self.for_each_row(feature, |row, first, line| {
+            let claimed = self.claimed_columns(feature, row as f64);
             for (column, &value) in (first..).zip(line) {
                 let (column, row) = (column as f64, row as f64);
-                let share = self.share(feature, column, row, value);
+                let share = if claimed.contains(&column) { self.share(feature, column, row, value) } else { 1.0 };
                 visit(WindowPixel { column, row, signal: share * f64::from(value), share, contrast: value });
             }
         });
+    }
+
+    /// The columns of a row between which a neighbour's window may hold pixels.
+    fn claimed_columns(&self, feature: usize, row: f64) -> RangeInclusive<f64> {
+        let chord = |&other: &u32| {
+            let ([c, r], radius) = (self.centres[other as usize], self.radii[other as usize]);
+            let half = (radius * radius - (row - r).powi(2)).sqrt();
+            (half > 0.0).then_some((c - half, c + half))
+        };
+        let chords = self.neighbours[feature].iter().filter_map(chord);
+        let (first, last) =
+            chords.fold((f64::INFINITY, f64::NEG_INFINITY), |(first, last), (a, b)| (first.min(a), last.max(b)));
+        first..=last
     }
 
     /// Visits the rows of a feature's window: row, first column, contrasts.
@@ -78,27 +94,49 @@ impl<'a> Windows<'a> {
 
     /// The share of a pixel's light that belongs to a feature, from what each claimant shows on its far side.
     fn share(&self, feature: usize, column: f64, row: f64, value: f32) -> f64 {
-        let mut others = 0.0;
-        for &other in &self.neighbours[feature] {
-            let other = other as usize;
-            let [c, r] = self.centres[other];
-            if (column - c).powi(2) + (row - r).powi(2) < self.radii[other].powi(2) {
-                others += self.symmetric(other, column, row, value);
-            }
-        }
+        let others: f32 =
+            self.claimants(feature, [column, row]).map(|other| self.own_light(other, [column, row], value)).sum();
         if others == 0.0 {
             return 1.0;
         }
-        let own = self.symmetric(feature, column, row, value);
-        own / (own + others)
+        let own = self.own_light(feature, [column, row], value);
+        f64::from(own / (own + others))
     }
 
-    /// The light that a feature shows both at a pixel and at its mirror image: an upper bound of its own light there,
-    /// since features are point symmetric and neighbours only add. At least the noise, so that shares stay defined.
-    fn symmetric(&self, feature: usize, column: f64, row: f64, value: f32) -> f64 {
+    /// The neighbours of a feature whose windows hold a place.
+    fn claimants(&self, feature: usize, place: [f64; 2]) -> impl Iterator<Item = usize> {
+        self.neighbours[feature].iter().map(|&other| other as usize).filter(move |&other| {
+            let [c, r] = self.centres[other];
+            (place[0] - c).powi(2) + (place[1] - r).powi(2) < self.radii[other].powi(2)
+        })
+    }
+
+    /// A feature's own light at a place: no more than what is there, and no more than what its far side shows once the
+    /// feature's other neighbours are taken off there, since features are point symmetric and neighbours only add. At
+    /// least the noise, so that shares stay defined.
+    fn own_light(&self, feature: usize, place: [f64; 2], value: f32) -> f32 {
+        let mirrored = self.mirrored(feature, place);
+        let seen = self.contrast.at(mirrored[0], mirrored[1]);
+        let others: f32 =
+            self.claimants(feature, mirrored).map(|other| self.symmetric_light(other, mirrored, seen)).sum();
+        value.min(seen - others).max(0.4 * self.contrast.pixel_noise)
+    }
+
+    /// The light that a feature shows both at a place and on its far side.
+    fn symmetric_light(&self, feature: usize, place: [f64; 2], value: f32) -> f32 {
+        let mirrored = self.mirrored(feature, place);
+        value.min(self.contrast.at(mirrored[0], mirrored[1])).max(0.0)
+    }
+
+    /// The place on the far side of a feature's centre; where that lies outside the plane, the one beside it.
+    fn mirrored(&self, feature: usize, [column, row]: [f64; 2]) -> [f64; 2] {
         let [c, r] = self.centres[feature];
-        let mirrored = self.contrast.at(2.0 * c - column, 2.0 * r - row);
-        f64::from(value.min(mirrored).max(0.4 * self.contrast.pixel_noise))
+        let (across, along) = (2.0 * c - column, 2.0 * r - row);
+        let inside = |position: f64, count: usize| position >= 0.0 && position <= (count - 1) as f64;
+        [
+            if inside(across, self.contrast.columns) { across } else { column },
+            if inside(along, self.contrast.rows) { along } else { row },
+        ]
     }
 }
 
