@@ -34,23 +34,24 @@ impl Contrast {
     ) -> Self {
         let background = Background::estimate(plane, polarity, noise, shading);
         let mut signal = Vec::with_capacity(plane.columns * plane.rows);
-        let mut ground_row = vec![0.0_f32; plane.columns];
+        let (mut ground_row, mut lit_row) = (vec![0.0_f32; plane.columns], vec![0.0_f32; plane.columns]);
         for row in 0..plane.rows {
             background.fill_row(row, &mut ground_row);
-            let shaded = |column: usize| shading.map_or(1.0, |shading| shading.at(column, row));
+            lit_row.copy_from_slice(&ground_row);
+            if let Some(shading) = shading {
+                shading.shade(row, &mut lit_row);
+            }
+            let contrast = plane.row(row).zip(&lit_row).map(|(code, lit)| f32::from(code) - lit);
             match background.polarity {
-                Polarity::Bright => {
-                    let lit = ground_row.iter().enumerate().map(|(column, ground)| ground * shaded(column));
-                    signal.extend(plane.row(row).zip(lit).map(|(code, ground)| f32::from(code) - ground));
-                }
+                Polarity::Bright => signal.extend(contrast),
                 // A dark feature takes away a share of the light, so uneven light is divided out; what the masks take
                 // from the ground they take from the feature too, so that stays.
                 Polarity::Dark => {
                     let mean = background.mean as f32;
-                    let lit = ground_row.iter().enumerate().map(|(column, &ground)| (ground, ground * shaded(column)));
-                    signal.extend(plane.row(row).zip(lit).map(|(code, (ground, lit))| {
-                        (lit - f32::from(code)) * (mean / ground.max(0.05 * mean).max(1.0))
-                    }));
+                    let least = (0.05 * mean).max(1.0);
+                    signal.extend(
+                        contrast.zip(&ground_row).map(|(contrast, ground)| -contrast * mean / ground.max(least)),
+                    );
                 }
             }
         }

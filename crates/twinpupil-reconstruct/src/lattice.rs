@@ -37,17 +37,18 @@ pub(crate) fn off_lattice(
     centre: [f64; 2],
     pixel_width: f64,
 ) -> [f64; 2] {
-    const ROUNDS: usize = 2;
+    const SMALL: f64 = 0.005;
     let Some(ellipse) = Ellipse::of(windows, contrast, noise, feature, pixel_width) else { return centre };
     if ellipse.blur > BLUR_MAX {
         return centre;
     }
-    let mut settled = centre;
-    for _ in 0..ROUNDS {
-        let shift = ellipse.lattice_shift(settled, pixel_width);
-        settled = [centre[0] - shift[0], centre[1] - shift[1]];
+    let settled = |shift: [f64; 2]| [centre[0] - shift[0], centre[1] - shift[1]];
+    // The jump as it is at the centroid, and if that is not small, as it is where the feature then seems to be.
+    let shift = ellipse.lattice_shift(centre, pixel_width);
+    if shift[0].abs().max(shift[1].abs()) < SMALL {
+        return settled(shift);
     }
-    settled
+    settled(ellipse.lattice_shift(settled(shift), pixel_width))
 }
 
 impl Ellipse {

@@ -31,8 +31,15 @@ impl Shading {
         self.columns == plane.columns && self.shares.len() == plane.columns * plane.rows
     }
 
+    /// Takes from the light of a row of the ground what the masks take.
+    pub(crate) fn shade(&self, row: usize, ground: &mut [f32]) {
+        for (light, share) in ground.iter_mut().zip(&self.shares[row * self.columns..]) {
+            *light *= share;
+        }
+    }
+
     /// Share of the ground's light in one pixel.
-    pub(crate) fn at(&self, column: usize, row: usize) -> f32 {
+    fn at(&self, column: usize, row: usize) -> f32 {
         self.shares[row * self.columns + column]
     }
 
