@@ -210,10 +210,10 @@ impl Reconstructor {
     /// The point of every pair; first as if all features faced the camera, then with the tilt of the surface that
     /// their neighbours show.
     fn points(&self, telecentric: &[Feature], entocentric: &[Feature], pairs: &[Match]) -> Vec<Option<Point>> {
-        let point = |pair: &Match, slopes: [f64; 2]| {
-            self.point([telecentric[pair.telecentric], entocentric[pair.entocentric]], pair, slopes)
+        let point = |pair: &Match, before: Option<&Point>, slopes: [f64; 2]| {
+            self.point([telecentric[pair.telecentric], entocentric[pair.entocentric]], pair, before, slopes)
         };
-        let mut points: Vec<Option<Point>> = pairs.iter().map(|pair| point(pair, [0.0; 2])).collect();
+        let mut points: Vec<Option<Point>> = pairs.iter().map(|pair| point(pair, None, [0.0; 2])).collect();
         if self.options.mode == Mode::Paper {
             return points;
         }
@@ -221,21 +221,25 @@ impl Reconstructor {
             let known: Vec<Point> = points.iter().flatten().copied().collect();
             let mut slopes = local_slopes(&known).into_iter();
             for (place, pair) in points.iter_mut().zip(pairs) {
-                if place.is_some() {
-                    *place = slopes.next().and_then(|slopes| point(pair, slopes)).or(*place);
+                if let Some(before) = place {
+                    *place = slopes.next().and_then(|slopes| point(pair, Some(before), slopes)).or(*place);
                 }
             }
         }
         points
     }
 
-    fn point(&self, features: [Feature; 2], pair: &Match, slopes: [f64; 2]) -> Option<Point> {
+    /// The point of one pair on a surface with slopes; what was known of it before tells its size.
+    fn point(&self, features: [Feature; 2], pair: &Match, before: Option<&Point>, slopes: [f64; 2]) -> Option<Point> {
         let sensor = &self.instrument.sensor;
         let measured = MeasuredPair {
             images: features.map(|feature| sensor.image_from_pixel(feature.centre)),
             std_mm: features.map(|feature| feature.centre_std_px.map(|std_px| std_px * sensor.pitch_mm)),
         };
-        let start_mm = first_order_position_mm(&self.instrument, &self.model, &measured)?;
+        let start_mm = match before {
+            Some(point) => point.position_mm,
+            None => first_order_position_mm(&self.instrument, &self.model, &measured)?,
+        };
         // A tilted disc looks smaller by the cosine of its tilt.
         let foreshortening = 1.0 / (1.0 + slopes[0].powi(2) + slopes[1].powi(2)).sqrt();
         let diameter_mm = self.apparent_diameter_mm(&features, start_mm[2]) / foreshortening.sqrt();

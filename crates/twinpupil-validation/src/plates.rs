@@ -66,8 +66,12 @@ pub struct Score {
 impl Score {
     /// Scores a plate in a pose: dots by `seed`, noise by another seed drawn from it.
     pub fn of(rig: &Rig, pose: Pose, seed: u64) -> Self {
-        let scene = pose.scene(seed);
-        let points = rig.points(&rig.frame(&scene, Some(seed + 1000)));
+        Self::of_scene(rig, &pose.scene(seed), pose, seed)
+    }
+
+    /// Scores any scene with a plate in a pose.
+    pub fn of_scene(rig: &Rig, scene: &Scene, pose: Pose, seed: u64) -> Self {
+        let points = rig.points(&rig.frame(scene, Some(seed + 1000)));
         let mut score = Self::default();
         let centres_mm: Vec<[f64; 3]> = scene.dots().iter().map(|dot| dot.centre_mm).collect();
         for (index, dot) in scene.dots().iter().enumerate() {

@@ -10,6 +10,7 @@ use twinpupil_simulate::{DotSpec, Scene, SceneSpec, SimulateOptions, simulate};
 pub struct Rig {
     /// The camera.
     pub instrument: Instrument,
+    response: ResponseMatrix,
     reconstructor: Reconstructor,
 }
 
@@ -19,10 +20,19 @@ impl Rig {
     /// # Panics
     /// If the instrument cannot be traced: rigs are built from instruments that can.
     pub fn new(instrument: Instrument, mode: Mode) -> Self {
+        let response = ResponseMatrix::ideal(&instrument.bands);
+        Self::with_response(instrument, mode, response)
+    }
+
+    /// A rig whose sensor mixes the bands by a response that the reconstruction knows.
+    ///
+    /// # Panics
+    /// If the instrument cannot be traced.
+    pub fn with_response(instrument: Instrument, mode: Mode, response: ResponseMatrix) -> Self {
         let table = response_table_for(&instrument).expect("the instrument can be traced");
         let options = Options { mode, ..Options::default() };
-        let reconstructor = Reconstructor::new(instrument.clone(), Some(table), options);
-        Self { instrument, reconstructor }
+        let reconstructor = Reconstructor::new(instrument.clone(), Some(table), options).unmixing(&response);
+        Self { instrument, response, reconstructor }
     }
 
     /// A frame of a scene with 256 rays over the pupil, noisy if there is a seed.
@@ -30,9 +40,8 @@ impl Rig {
     /// # Panics
     /// If the scene cannot be simulated.
     pub fn frame(&self, scene: &Scene, noise_seed: Option<u64>) -> Frame {
-        let response = ResponseMatrix::ideal(&self.instrument.bands);
         let options = SimulateOptions { pupil_samples: 256, noiseless: noise_seed.is_none(), seed: noise_seed };
-        simulate(&self.instrument, scene, &response, &options, &|_| {}).expect("the scene can be simulated").frame
+        simulate(&self.instrument, scene, &self.response, &options, &|_| {}).expect("the scene can be simulated").frame
     }
 
     /// The points of a frame of this camera.
