@@ -31,7 +31,7 @@ const GROUND_SIGMAS: f32 = 2.5;
 #[derive(Debug, Clone)]
 pub(crate) struct Background {
     surface: Surface,
-    /// Mean level, codes.
+    /// Mean level above black, codes.
     pub(crate) mean: f64,
     /// Noise of one pixel, codes.
     pub(crate) pixel_noise: f64,
@@ -48,7 +48,9 @@ impl Background {
         noise: Option<&Noise>,
         shading: Option<&Shading>,
     ) -> Self {
+        let black = noise.map_or(0.0, |noise| noise.black_level as f32);
         let mut samples = samples(plane);
+        samples.iter_mut().for_each(|sample| sample.code -= black);
         if let Some(shading) = shading {
             shading.undo(&mut samples);
         }
@@ -59,11 +61,13 @@ impl Background {
             Polarity::Dark => 1.0 - GROUND_SHARE,
         };
         surface.set_to_quantiles(&samples, share);
-        let mut ground = Self { mean: surface.mean(), surface, pixel_noise: pixel_noise(plane), polarity };
+        let measured_noise = pixel_noise(plane);
+        let mut ground = Self { mean: surface.mean(), surface, pixel_noise: measured_noise, polarity };
         let contrast = quantile(&mut samples.iter().map(|sample| ground.away(sample)).collect::<Vec<_>>(), 0.995);
         for limit in GROUND_LIMITS {
             if let Some(noise) = noise {
-                ground.pixel_noise = noise.variance(ground.mean).sqrt();
+                // What the frame itself shows counts where it is noisier than the sensor ought to be.
+                ground.pixel_noise = noise.variance(ground.mean + noise.black_level).sqrt().max(measured_noise);
             }
             let limit = (limit * contrast).max(GROUND_SIGMAS * ground.pixel_noise.max(0.5) as f32);
             // Both ways: where the masks leave a dark spot about the axis, the surface passes over it.

@@ -18,15 +18,18 @@ pub(crate) struct Centre {
 ///
 /// Returns the centres, `None` where a window holds no light.
 pub(crate) fn cartesian_means(windows: &mut Windows<'_>, contrast: &Contrast, noise: &Noise) -> Vec<Option<Centre>> {
-    const ROUNDS: usize = 14;
+    const ROUNDS: f64 = 14.0;
+    const SHARED_PIXELS_MAX: f64 = 3e7;
     const RESTING: f64 = 1e-3;
     const RATIO_MAX: f64 = 0.85;
     const SETTLING: usize = 2;
     let count = windows.centres.len();
+    // A frame crowded with features gets fewer rounds rather than take forever.
+    let rounds = (SHARED_PIXELS_MAX / windows.shared_pixels()).clamp(2.0, ROUNDS) as usize;
     let mut centres = vec![None; count];
     let mut steps = vec![[0.0_f64; 2]; count];
     let mut restless: Vec<usize> = (0..count).collect();
-    for round in 0..ROUNDS {
+    for round in 0..rounds {
         restless.retain(|&feature| {
             let before = windows.centres[feature];
             centres[feature] = cartesian_mean(windows, contrast, noise, feature);
@@ -50,6 +53,9 @@ pub(crate) fn cartesian_means(windows: &mut Windows<'_>, contrast: &Contrast, no
     centres
 }
 
+/// How far the share of light that two features claim may be wrong; it counts towards their deviations.
+const SHARE_ERROR: f64 = 0.1;
+
 /// Centroid of the light in one window, in Cartesian coordinates.
 fn cartesian_mean(windows: &Windows<'_>, contrast: &Contrast, noise: &Noise, feature: usize) -> Option<Centre> {
     let [c0, r0] = windows.centres[feature];
@@ -57,11 +63,12 @@ fn cartesian_mean(windows: &Windows<'_>, contrast: &Contrast, noise: &Noise, fea
         true => Moments::of_shared_light(windows, contrast, noise, feature),
         false => Moments::of_all_light(windows, contrast, noise, feature),
     };
-    let Moments { light, first, variance } = moments;
+    let Moments { light, first, variance, doubt } = moments;
     let position = [c0 + first[0] / light, r0 + first[1] / light];
     let [c, r] = position;
     let inside = c >= 0.0 && r >= 0.0 && c < contrast.columns as f64 && r < contrast.rows as f64;
-    (light > 0.0 && inside).then(|| Centre { position, std: variance.map(|v| v.max(0.0).sqrt() / light) })
+    let std = |axis: usize| variance[axis].max(0.0).sqrt().hypot(SHARE_ERROR * doubt[axis]) / light;
+    (light > 0.0 && inside).then(|| Centre { position, std: [std(0), std(1)] })
 }
 
 /// Sums over a window, about its centre.
@@ -72,6 +79,8 @@ struct Moments {
     first: [f64; 2],
     /// Variances of the first moments.
     variance: [f64; 2],
+    /// First moments of the light whose owner is in doubt.
+    doubt: [f64; 2],
 }
 
 impl Moments {
@@ -87,6 +96,9 @@ impl Moments {
             moments.first[1] += dr * pixel.signal;
             moments.variance[0] += dc * dc * scatter;
             moments.variance[1] += dr * dr * scatter;
+            let doubtful = pixel.signal * (1.0 - pixel.share);
+            moments.doubt[0] += dc * doubtful;
+            moments.doubt[1] += dr * doubtful;
         });
         moments
     }

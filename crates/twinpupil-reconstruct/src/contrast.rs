@@ -33,6 +33,7 @@ impl Contrast {
         shading: Option<&Shading>,
     ) -> Self {
         let background = Background::estimate(plane, polarity, noise, shading);
+        let black = noise.map_or(0.0, |noise| noise.black_level as f32);
         let mut signal = Vec::with_capacity(plane.columns * plane.rows);
         let (mut ground_row, mut lit_row) = (vec![0.0_f32; plane.columns], vec![0.0_f32; plane.columns]);
         for row in 0..plane.rows {
@@ -41,7 +42,7 @@ impl Contrast {
             if let Some(shading) = shading {
                 shading.shade(row, &mut lit_row);
             }
-            let contrast = plane.row(row).zip(&lit_row).map(|(code, lit)| f32::from(code) - lit);
+            let contrast = plane.row(row).zip(&lit_row).map(|(code, lit)| f32::from(code) - black - lit);
             match background.polarity {
                 Polarity::Bright => signal.extend(contrast),
                 // A dark feature takes away a share of the light, so uneven light is divided out; what the masks take
@@ -59,7 +60,7 @@ impl Contrast {
             columns: plane.columns,
             rows: plane.rows,
             signal,
-            ground: background.mean,
+            ground: background.mean + f64::from(black),
             polarity: background.polarity,
             pixel_noise: background.pixel_noise.max(ROUNDING_NOISE) as f32,
         }

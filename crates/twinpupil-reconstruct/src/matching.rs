@@ -82,7 +82,23 @@ pub(crate) fn pair_up(
             ambiguous: assignment.margin[index] < options.ambiguous_chi2,
         })
     };
-    assignment.partner.iter().enumerate().filter_map(chosen).collect()
+    let mut pairs: Vec<Match> = assignment.partner.iter().enumerate().filter_map(chosen).collect();
+    drop_strays(&mut pairs);
+    pairs
+}
+
+/// Drops pairs that lie far beside their azimuth when most of the frame's pairs do not: they belong to no one thing.
+fn drop_strays(pairs: &mut Vec<Match>) {
+    const FEWEST: usize = 6;
+    const SIGMAS: f64 = 6.0;
+    const STD_MIN_PX: f64 = 0.15;
+    if pairs.len() < FEWEST {
+        return;
+    }
+    let mut sizes: Vec<f64> = pairs.iter().map(|pair| pair.azimuth_residual_px.abs()).collect();
+    sizes.sort_by(f64::total_cmp);
+    let limit_px = SIGMAS * (1.4826 * sizes[sizes.len() / 2]).max(STD_MIN_PX);
+    pairs.retain(|pair| pair.azimuth_residual_px.abs() <= limit_px);
 }
 
 /// Where on the sensor the partner of a telecentric feature may lie, from the near end of the depth range to the far.

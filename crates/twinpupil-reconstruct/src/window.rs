@@ -36,13 +36,22 @@ impl<'a> Windows<'a> {
     pub(crate) fn new(contrast: &'a Contrast, features: Vec<([f64; 2], f64)>) -> Self {
         let (centres, radii): (Vec<_>, Vec<_>) =
             features.into_iter().map(|(centre, reach)| (centre, reach + MARGIN)).unzip();
-        let neighbours = overlapping(&centres, &radii);
+        let mut neighbours = overlapping(&centres, &radii);
+        for (feature, near) in neighbours.iter_mut().enumerate() {
+            keep_nearest(near, &centres, feature);
+        }
         Self { contrast, centres, radii, neighbours }
     }
 
     /// Whether another feature's window overlaps this one's.
     pub(crate) fn overlaps(&self, feature: usize) -> bool {
         !self.neighbours[feature].is_empty()
+    }
+
+    /// Pixels of all windows that are shared, each as often as it has claimants.
+    pub(crate) fn shared_pixels(&self) -> f64 {
+        let area = |(near, radius): (&Vec<u32>, &f64)| near.len() as f64 * std::f64::consts::PI * radius * radius;
+        self.neighbours.iter().zip(&self.radii).map(area).sum()
     }
 
     /// Visits the pixels of a feature's window, each with the feature's share of its light.
@@ -138,6 +147,20 @@ impl<'a> Windows<'a> {
             if inside(along, self.contrast.rows) { along } else { row },
         ]
     }
+}
+
+/// Neighbours that share light with a feature, at most.
+const NEIGHBOURS_MAX: usize = 6;
+
+/// Leaves out all but the nearest neighbours of a feature.
+fn keep_nearest(near: &mut Vec<u32>, centres: &[[f64; 2]], feature: usize) {
+    let [c, r] = centres[feature];
+    let distance2 = |other: &u32| {
+        let [oc, or] = centres[*other as usize];
+        (oc - c).powi(2) + (or - r).powi(2)
+    };
+    near.sort_by(|a, b| distance2(a).total_cmp(&distance2(b)).then(a.cmp(b)));
+    near.truncate(NEIGHBOURS_MAX);
 }
 
 /// For every disc, the discs that overlap it.
