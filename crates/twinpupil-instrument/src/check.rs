@@ -46,7 +46,7 @@ pub fn within(key: &str, value: f64, min: f64, max: f64) -> Result<(), ValueErro
     if value.is_finite() && (min..=max).contains(&value) {
         return Ok(());
     }
-    Err(ValueError::new(key, value, format!("{min} to {max}")))
+    Err(ValueError::new(key, readable(value), format!("{min} to {max}")))
 }
 
 /// `value` must be finite, above zero and at most `max`.
@@ -54,7 +54,15 @@ pub fn positive(key: &str, value: f64, max: f64) -> Result<(), ValueError> {
     if value.is_finite() && value > 0.0 && value <= max {
         return Ok(());
     }
-    Err(ValueError::new(key, value, format!("above 0, up to {max}")))
+    Err(ValueError::new(key, readable(value), format!("above 0, up to {max}")))
+}
+
+/// A number in as many digits as a reader wants to see.
+fn readable(value: f64) -> String {
+    match value.abs() {
+        size if size != 0.0 && !(1e-5..1e9).contains(&size) && value.is_finite() => format!("{value:e}"),
+        _ => value.to_string(),
+    }
 }
 
 /// The file's `schema` must be the one this version reads.

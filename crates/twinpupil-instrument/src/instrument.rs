@@ -6,7 +6,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use crate::check::{self, SyntaxError, ValueError, positive, within};
+use crate::check::{self, SyntaxError, ValueError, within};
 use crate::{Aperture, Band, Lens, Mosaic, Projection, Role, Sensor, SpectraSpec};
 
 /// An instrument file that is not legal.
@@ -80,8 +80,8 @@ impl Instrument {
         check_apertures(&spec)?;
         check_focal_lengths(&spec)?;
         if let Some(DepthRange { near_mm, far_mm }) = spec.depth_range {
-            positive("depth_range.near_mm", near_mm, 1e6)?;
-            positive("depth_range.far_mm", far_mm, 1e6)?;
+            within("depth_range.near_mm", near_mm, 1.0, 1e6)?;
+            within("depth_range.far_mm", far_mm, 1.0, 1e6)?;
             if far_mm <= near_mm {
                 return Err(ValueError::new("depth_range.far_mm", far_mm, format!("above near_mm = {near_mm}")));
             }
@@ -101,6 +101,9 @@ impl Instrument {
         // The zones of a mask read best on one line.
         for aperture in document["aperture"].as_array_of_tables_mut().into_iter().flat_map(|tables| tables.iter_mut()) {
             aperture["zones"].make_value();
+            if let Some(value) = aperture["zones"].as_value_mut() {
+                value.decor_mut().set_prefix(" ");
+            }
         }
         document.to_string()
     }
@@ -316,7 +319,7 @@ mod tests {
     #[test]
     fn bad_values_are_named_with_what_is_legal() {
         let cases = [
-            ("pitch_mm = 0.00586", "pitch_mm = -0.00586", "`sensor.pitch_mm` is -0.00586; legal: above 0, up to 1"),
+            ("pitch_mm = 0.00586", "pitch_mm = -0.00586", "`sensor.pitch_mm` is -0.00586; legal: 0.00001 to 1"),
             ("focal_length_mm = 100.0", "focal_length_mm = nan", "`lens.focal_length_mm` is NaN"),
             ("focal_length_mm = 100.0", "focal_length_mm = 152", "below sensor.distance_mm = 151"),
             ("schema = 1", "schema = 2", "`schema` is 2; legal: 1"),

@@ -95,9 +95,9 @@ impl ThinLens {
     }
 
     fn check(&self) -> Result<(), ValueError> {
-        positive("lens.focal_length_mm", self.focal_length_mm, 1e5)?;
+        within("lens.focal_length_mm", self.focal_length_mm, 0.1, 1e5)?;
         for (band, &focal_length_mm) in &self.focal_length_mm_by_band {
-            positive(&format!("lens.focal_length_mm_by_band.{band}"), focal_length_mm, 1e5)?;
+            within(&format!("lens.focal_length_mm_by_band.{band}"), focal_length_mm, 0.1, 1e5)?;
         }
         Ok(())
     }
@@ -133,7 +133,7 @@ impl FresnelLens {
     }
 
     fn check(&self) -> Result<(), ValueError> {
-        positive("lens.focal_length_mm", self.focal_length_mm, 1e5)?;
+        within("lens.focal_length_mm", self.focal_length_mm, 0.1, 1e5)?;
         within("lens.design_wavelength_nm", self.design_wavelength_nm, 200.0, 20_000.0)?;
         positive("lens.thickness_mm", self.thickness_mm, 100.0)?;
         within("lens.groove_pitch_mm", self.groove_pitch_mm, 1e-3, 10.0)?;

@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::check::{ValueError, positive, within};
+use crate::check::{ValueError, within};
 use crate::{ImagePoint, PixelPoint};
 
 /// `[sensor]`.
@@ -146,13 +146,13 @@ impl Sensor {
     }
 
     pub(crate) fn check(&self) -> Result<(), ValueError> {
-        positive("sensor.distance_mm", self.distance_mm, 1e5)?;
+        within("sensor.distance_mm", self.distance_mm, 0.1, 1e5)?;
         for (i, size) in self.size_px.into_iter().enumerate() {
             if !(2..=65_536).contains(&size) {
                 return Err(ValueError::new(format!("sensor.size_px[{i}]"), size, "2 to 65536"));
             }
         }
-        positive("sensor.pitch_mm", self.pitch_mm, 1.0)?;
+        within("sensor.pitch_mm", self.pitch_mm, 1e-5, 1.0)?;
         within("sensor.axis_px[0]", self.axis_px[0], -1e6, 1e6)?;
         within("sensor.axis_px[1]", self.axis_px[1], -1e6, 1e6)?;
         if !(1..=16).contains(&self.bit_depth) {
@@ -162,7 +162,7 @@ impl Sensor {
             let legal = format!("below the largest code {}", self.code_max());
             return Err(ValueError::new("sensor.black_level", self.black_level, legal));
         }
-        positive("sensor.full_well_e", self.full_well_e, 1e9)?;
+        within("sensor.full_well_e", self.full_well_e, 1.0, 1e9)?;
         within("sensor.read_noise_e", self.read_noise_e, 0.0, 1e6)
     }
 }

@@ -38,8 +38,8 @@ pub enum FitError {
         /// What they share.
         shared: &'static str,
     },
-    /// A coordinate that is not a number.
-    #[error("point {index} is not finite")]
+    /// A coordinate that is not a number, or absurdly large.
+    #[error("point {index} has a coordinate that is no length: not finite or beyond 1e12 mm")]
     NotFinite {
         /// Its index, from 0.
         index: usize,
@@ -149,7 +149,9 @@ fn solve(points: &[FitPoint], coordinates: &[usize]) -> Result<Solution, FitErro
     if count < parameters {
         return Err(FitError::TooFew { found: count, needed: parameters });
     }
-    if let Some(index) = points.iter().position(|point| !point.position_mm.iter().all(|c| c.is_finite())) {
+    // Nothing measured lies farther than a thousand kilometres; beyond, squares would overflow.
+    const FARTHEST_MM: f64 = 1e12;
+    if let Some(index) = points.iter().position(|point| !point.position_mm.iter().all(|c| c.abs() < FARTHEST_MM)) {
         return Err(FitError::NotFinite { index });
     }
     let weights = weights(points);

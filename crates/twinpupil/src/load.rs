@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use twinpupil_instrument::{Instrument, ResponseMatrix, SpectralTable, paper};
 
 use twinpupil_simulate::{Picture, Scene};
@@ -11,6 +11,9 @@ use crate::io::{input, page};
 
 /// The word that stands for the paper's instrument or scene instead of a file.
 pub const PAPER: &str = "paper";
+
+/// Largest product of the two planes' crosstalk at which the bands can still be told apart.
+const MIXED_MAX: f64 = 0.5;
 
 /// An instrument, and the folder from which the files it names are found.
 #[derive(Debug, Clone)]
@@ -37,8 +40,17 @@ impl LoadedInstrument {
         let Some(spectra) = &instrument.spectra else { return Ok(ResponseMatrix::ideal(&instrument.bands)) };
         let quantum_efficiency = self.curves(&spectra.quantum_efficiency, SpectralTable::nominal_quantum_efficiency)?;
         let filters = self.curves(&spectra.filters, SpectralTable::nominal_filters)?;
-        ResponseMatrix::from_curves(&instrument.bands, instrument.sensor.mosaic, &quantum_efficiency, &filters)
-            .context("spectra")
+        let response =
+            ResponseMatrix::from_curves(&instrument.bands, instrument.sensor.mosaic, &quantum_efficiency, &filters)
+                .context("spectra")?;
+        let seen = |plane: usize, band: usize| response.of_plane(&instrument.bands[plane].plane)[band];
+        let mixed = seen(0, 1) * seen(1, 0);
+        if mixed > MIXED_MAX {
+            bail!(
+                "spectra: the two planes see the bands so much alike (crosstalk product {mixed:.2}, legal: up to {MIXED_MAX}) that they cannot be told apart"
+            );
+        }
+        Ok(response)
     }
 
     fn curves(&self, source: &str, nominal: fn() -> SpectralTable) -> Result<SpectralTable> {

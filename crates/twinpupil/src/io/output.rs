@@ -35,13 +35,20 @@ impl Outputs {
         }
     }
 
-    /// Writes every file, then standard output.
+    /// Writes every file, then standard output. Two outputs to one file are refused.
     pub fn commit(self) -> Result<()> {
-        let staged = self
+        let mut staged = self
             .files
             .iter()
             .map(|(path, bytes)| stage(path, bytes).with_context(|| path.display().to_string()))
             .collect::<Result<Vec<_>>>()?;
+        for (index, one) in staged.iter().enumerate() {
+            if one.is_file() && staged[..index].iter().any(|earlier| earlier.path() == one.path()) {
+                bail!("{}: two outputs cannot go to one file", one.path().display());
+            }
+        }
+        // What cannot be taken back and may fail goes first; renaming hardly ever fails.
+        staged.sort_by_key(Staged::is_file);
         staged.into_iter().try_for_each(|staged| {
             let path = staged.path().to_owned();
             staged.publish().with_context(|| path.display().to_string())
@@ -81,6 +88,14 @@ fn check_target(path: &Path) -> Result<()> {
     bail!("the folder {} {what}", folder.display())
 }
 
+/// The path of a file that is not there yet, whichever way it was written.
+fn absolute(path: &Path) -> PathBuf {
+    match (std::fs::canonicalize(folder_of(path)), path.file_name()) {
+        (Ok(folder), Some(name)) => folder.join(name),
+        _ => path.to_owned(),
+    }
+}
+
 enum Staged {
     /// Complete, under another name in the same folder.
     Temporary(NamedTempFile, PathBuf),
@@ -93,6 +108,10 @@ impl Staged {
         match self {
             Self::Temporary(_, path) | Self::Stream(path, _) => path,
         }
+    }
+
+    fn is_file(&self) -> bool {
+        matches!(self, Self::Temporary(..))
     }
 
     fn publish(self) -> Result<()> {
@@ -112,7 +131,7 @@ impl Staged {
 fn stage(path: &Path, bytes: &[u8]) -> Result<Staged> {
     check_target(path)?;
     // A link is followed, so that the file it points to is replaced and not the link.
-    let path = std::fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
+    let path = std::fs::canonicalize(path).unwrap_or_else(|_| absolute(path));
     if path.exists() && !path.is_file() {
         return Ok(Staged::Stream(path, bytes.to_owned()));
     }
