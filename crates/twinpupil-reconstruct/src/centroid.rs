@@ -42,6 +42,11 @@ pub(crate) fn cartesian_means(windows: &mut Windows<'_>, contrast: &Contrast, no
                 steps[feature][axis] = step;
             }
             windows.centres[feature] = *position;
+            if strayed(windows, feature) {
+                centres[feature] = Some(outline_centre(windows, feature));
+                windows.centres[feature] = windows.outlines[feature].0;
+                return false;
+            }
             // What rests among neighbours that have hardly begun to move may be moved by them yet.
             let settling = windows.overlaps(feature) && round < SETTLING;
             settling || steps[feature][0].hypot(steps[feature][1]) > RESTING
@@ -51,6 +56,21 @@ pub(crate) fn cartesian_means(windows: &mut Windows<'_>, contrast: &Contrast, no
         }
     }
     centres
+}
+
+/// Whether a window has left its outline: among many neighbours that touch, sharing may run away.
+fn strayed(windows: &Windows<'_>, feature: usize) -> bool {
+    const LEASH: f64 = 0.6;
+    let ([c0, r0], extent) = windows.outlines[feature];
+    let [c, r] = windows.centres[feature];
+    (c - c0).hypot(r - r0) > LEASH * extent
+}
+
+/// The centre of an outline, where the light itself gives none.
+fn outline_centre(windows: &Windows<'_>, feature: usize) -> Centre {
+    const SHARE_OF_EXTENT: f64 = 0.05;
+    let (position, extent) = windows.outlines[feature];
+    Centre { position, std: [SHARE_OF_EXTENT * extent; 2] }
 }
 
 /// How far the share of light that two features claim may be wrong; it counts towards their deviations.

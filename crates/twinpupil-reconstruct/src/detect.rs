@@ -144,7 +144,7 @@ struct Measure<'a> {
 
 impl Measure<'_> {
     fn all(&self, found: &[Outline]) -> (Vec<Feature>, Vec<Rejection>) {
-        let mut windows = Windows::new(self.contrast, self.discs(found));
+        let mut windows = Windows::new(self.contrast, &self.discs(found));
         let centres = cartesian_means(&mut windows, self.contrast, self.noise);
         let mut heights: Vec<f32> = found.iter().map(|outline| outline.height).collect();
         let height_min = self.options.relative_contrast_min as f32 * quantile(&mut heights, 0.9);
@@ -171,10 +171,12 @@ impl Measure<'_> {
         (features, rejected)
     }
 
-    /// Centres and reaches of outlines, pixels of the plane.
-    fn discs(&self, found: &[Outline]) -> Vec<([f64; 2], f64)> {
-        let reach = |outline: &Outline| outline.extent(self.relief.columns) + outline.skirt;
-        let disc = |outline: &Outline| (self.plane_centre(outline), reach(outline) * self.relief.scale as f64);
+    /// Centres, extents and skirts of outlines, pixels of the plane.
+    fn discs(&self, found: &[Outline]) -> Vec<([f64; 2], f64, f64)> {
+        let scale = self.relief.scale as f64;
+        let disc = |outline: &Outline| {
+            (self.plane_centre(outline), outline.extent(self.relief.columns) * scale, outline.skirt * scale)
+        };
         found.iter().map(disc).collect()
     }
 

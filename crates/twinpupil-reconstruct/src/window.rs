@@ -10,6 +10,8 @@ pub(crate) struct Windows<'a> {
     contrast: &'a Contrast,
     /// Centres, pixels of the plane.
     pub(crate) centres: Vec<[f64; 2]>,
+    /// Centres and extents of the features' outlines, which the windows' centres may not leave.
+    pub(crate) outlines: Vec<([f64; 2], f64)>,
     radii: Vec<f64>,
     /// For every feature, those whose windows overlap its own.
     neighbours: Vec<Vec<u32>>,
@@ -32,15 +34,16 @@ pub(crate) struct WindowPixel {
 const MARGIN: f64 = 0.5;
 
 impl<'a> Windows<'a> {
-    /// Windows about features with a centre and a reach each, pixels of the plane.
-    pub(crate) fn new(contrast: &'a Contrast, features: Vec<([f64; 2], f64)>) -> Self {
-        let (centres, radii): (Vec<_>, Vec<_>) =
-            features.into_iter().map(|(centre, reach)| (centre, reach + MARGIN)).unzip();
+    /// Windows about features that each have a centre, an extent and a skirt about it, pixels of the plane.
+    pub(crate) fn new(contrast: &'a Contrast, features: &[([f64; 2], f64, f64)]) -> Self {
+        let centres: Vec<[f64; 2]> = features.iter().map(|(centre, ..)| *centre).collect();
+        let outlines = features.iter().map(|(centre, extent, _)| (*centre, *extent)).collect();
+        let radii: Vec<f64> = features.iter().map(|(_, extent, skirt)| extent + skirt + MARGIN).collect();
         let mut neighbours = overlapping(&centres, &radii);
         for (feature, near) in neighbours.iter_mut().enumerate() {
             keep_nearest(near, &centres, feature);
         }
-        Self { contrast, centres, radii, neighbours }
+        Self { contrast, centres, outlines, radii, neighbours }
     }
 
     /// Whether another feature's window overlaps this one's.
