@@ -94,6 +94,12 @@ impl ResponseTable {
         ground[i] + fraction * (ground[i + 1] - ground[i])
     }
 
+    /// Distance from the axis on the sensor beyond which the ground is not shaded, mm.
+    pub fn ground_clear_mm(&self, band: usize) -> f64 {
+        let last_shaded = self.bands[band].ground.iter().rposition(|light| *light != 1.0);
+        last_shaded.map_or(0.0, |node| self.image_radius_mm.node(node + 1))
+    }
+
     /// The image of a band at (r, z) and its throughput: the first-order image moved along its own radius.
     pub fn image(&self, band: usize, r_mm: f64, z_mm: f64, first_order: ImagePoint) -> (ImagePoint, f64) {
         let PointResponse { throughput, radial_deviation_mm } = self.at(band, r_mm, z_mm);
@@ -121,6 +127,7 @@ mod tests {
         let band = BandResponse { band: "a".to_owned(), nodes, ground: vec![0.0, 0.5, 1.0] };
         let table = ResponseTable { r_mm, z_mm, image_radius_mm, bands: vec![band] };
         assert_eq!((table.ground(0, 0.5), table.ground(0, 9.0)), (0.25, 1.0));
+        assert_eq!(table.ground_clear_mm(0), 2.0);
         for (r, z) in [(0.0, 100.0), (1.3, 111.0), (4.0, 200.0), (3.99, 150.0)] {
             assert!((table.at(0, r, z).radial_deviation_mm - deviation(r, z)).abs() < 1e-12);
         }

@@ -1,6 +1,6 @@
 //! What the masks leave of an evenly bright ground: a dark spot about the axis, known from the optics.
 
-use twinpupil_instrument::{ImagePoint, PixelPoint, PlaneView, ResponseTable, Sensor};
+use twinpupil_instrument::{PixelPoint, PlaneView, ResponseTable, Sensor};
 
 use crate::surface::Sample;
 
@@ -17,13 +17,22 @@ const SHARE_MIN: f32 = 0.5;
 impl Shading {
     /// The shading of a band's plane.
     pub(crate) fn of(table: &ResponseTable, band: usize, sensor: &Sensor, plane: &PlaneView<'_>) -> Self {
-        let share = |index: usize| {
-            let (column, row) = (index % plane.columns, index / plane.columns);
-            let pixel = PixelPoint { u: plane.frame_u_px(column as f64), v: plane.frame_v_px(row as f64) };
-            let image: ImagePoint = sensor.image_from_pixel(pixel);
-            table.ground(band, image.radius_mm()) as f32
-        };
-        Self { columns: plane.columns, shares: (0..plane.columns * plane.rows).map(share).collect() }
+        let clear_mm = table.ground_clear_mm(band);
+        let mut shares = vec![1.0; plane.columns * plane.rows];
+        for (row, line) in shares.chunks_exact_mut(plane.columns).enumerate() {
+            let v = plane.frame_v_px(row as f64);
+            let at = |column: usize| sensor.image_from_pixel(PixelPoint { u: plane.frame_u_px(column as f64), v });
+            if at(0).y_mm.abs() > clear_mm {
+                continue;
+            }
+            for (column, share) in line.iter_mut().enumerate() {
+                let image = at(column);
+                if image.x_mm.abs() <= clear_mm {
+                    *share = table.ground(band, image.radius_mm()) as f32;
+                }
+            }
+        }
+        Self { columns: plane.columns, shares }
     }
 
     /// Whether it was made for a plane of this size.

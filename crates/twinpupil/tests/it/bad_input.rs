@@ -187,7 +187,7 @@ fn bad_instruments_and_scenes() {
     let edited = |from: &str, to: &str| reason(small_instrument().replacen(from, to, 1));
     assert_eq!(reason("schema = ".to_owned()).split(": ").take(2).collect::<Vec<_>>(), ["bad.toml", "line 1"]);
     assert_eq!(reason(String::new()), "bad.toml: the file is empty");
-    let negative = "bad.toml: `sensor.pitch_mm` is -0.00586; legal: above 0, up to 1";
+    let negative = "bad.toml: `sensor.pitch_mm` is -0.00586; legal: 0.00001 to 1";
     assert_eq!(edited("pitch_mm = 0.00586", "pitch_mm = -0.00586"), negative);
     assert!(edited("pitch_mm = 0.00586", "pitch_mm = nan").starts_with("bad.toml: `sensor.pitch_mm` is NaN"));
     assert!(edited("name = ", "nmae = ").contains("unknown field `nmae`"));
