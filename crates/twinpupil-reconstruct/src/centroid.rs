@@ -20,7 +20,7 @@ pub(crate) struct Centre {
 pub(crate) fn cartesian_means(windows: &mut Windows<'_>, contrast: &Contrast, noise: &Noise) -> Vec<Option<Centre>> {
     const ROUNDS: f64 = 14.0;
     const SHARED_PIXELS_MAX: f64 = 3e7;
-    const RESTING: f64 = 1e-3;
+    const RESTING: f64 = 3e-3;
     const RATIO_MAX: f64 = 0.85;
     const SETTLING: usize = 2;
     let count = windows.centres.len();

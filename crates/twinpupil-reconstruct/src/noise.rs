@@ -17,12 +17,13 @@ impl Noise {
     /// From the sensor's data sheet, for frames whose largest code is `code_max`: read noise, photon noise and
     /// rounding (1/12).
     pub fn of_sensor(sensor: &Sensor, code_max: u16) -> Self {
-        let electrons_per_code =
-            sensor.electrons_per_code() * f64::from(sensor.code_max()) / f64::from(code_max.max(1));
+        // An 8-bit file of a deeper sensor has fewer, larger codes.
+        let coarser = f64::from(sensor.code_max()) / f64::from(code_max.max(1));
+        let electrons_per_code = sensor.electrons_per_code() * coarser;
         Self {
             floor_codes2: (sensor.read_noise_e / electrons_per_code).powi(2) + 1.0 / 12.0,
             slope_codes: 1.0 / electrons_per_code,
-            black_level: f64::from(sensor.black_level),
+            black_level: f64::from(sensor.black_level) / coarser,
         }
     }
 
