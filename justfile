@@ -26,3 +26,7 @@ fuzz TARGET SECONDS="60":
 # Simulate the paper's plate, reconstruct it and show what comes out
 demo:
     cargo run --release -- demo
+
+# Renew the golden files; say in CHANGELOG.md what moved and why.
+bless:
+    TWINPUPIL_BLESS=1 cargo test -p twinpupil --test it golden

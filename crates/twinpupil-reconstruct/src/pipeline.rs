@@ -144,6 +144,12 @@ impl Reconstructor {
         let clean = Clean::of(self, frame)?;
         let telecentric = self.detect_clean(&clean, Role::Telecentric)?;
         let entocentric = self.detect_clean(&clean, Role::Entocentric)?;
+        Ok(self.points_from(telecentric, entocentric))
+    }
+
+    /// Pairs the features of the two bands and places the pairs: what [`Reconstructor::frame`] does once it has
+    /// detected.
+    pub fn points_from(&self, telecentric: Detection, entocentric: Detection) -> Reconstruction {
         let pairs = pair_up(
             &self.model,
             &self.instrument.sensor,
@@ -152,7 +158,7 @@ impl Reconstructor {
             &entocentric.features,
             &self.options.matching,
         );
-        Ok(self.locate(telecentric, entocentric, &pairs))
+        self.locate(telecentric, entocentric, &pairs)
     }
 
     /// The features of the band with a role.
