@@ -145,6 +145,22 @@ impl<'a> PlaneView<'a> {
         self.codes[start..end].chunks(self.step_px).map(|pixels| pixels[0])
     }
 
+    /// Reads the codes of one row of the plane into `codes`, in loops that vectorise.
+    pub fn read_row(&self, row: usize, codes: &mut [f32]) {
+        let start = (self.origin_px[1] + row * self.step_px) * self.frame_width_px;
+        let line = &self.codes[start + self.origin_px[0]..start + self.frame_width_px];
+        if self.step_px != 2 {
+            codes.iter_mut().zip(self.row(row)).for_each(|(value, code)| *value = f32::from(code));
+            return;
+        }
+        let pairs = line.chunks_exact(2);
+        // A row of odd length ends in a pixel without a partner.
+        if let ([code], Some(last)) = (pairs.remainder(), codes.get_mut(line.len() / 2)) {
+            *last = f32::from(*code);
+        }
+        codes.iter_mut().zip(pairs).for_each(|(value, pair)| *value = f32::from(pair[0]));
+    }
+
     /// The code of one pixel of the plane, which must lie within it.
     pub fn code(&self, column: usize, row: usize) -> u16 {
         let [u, v] = self.origin_px;
@@ -180,6 +196,11 @@ mod tests {
         let red = frame.plane(Mosaic::Rggb, "r").expect("rggb has r");
         assert_eq!((red.columns, red.rows), (3, 2));
         assert_eq!(red.row(1).collect::<Vec<_>>(), [10, 12, 14]);
+        let mut codes = [0.0; 3];
+        red.read_row(1, &mut codes);
+        assert_eq!(codes, [10.0, 12.0, 14.0]);
+        blue.read_row(0, &mut codes[..2]);
+        assert_eq!(codes, [6.0, 8.0, 14.0]);
         assert_eq!((red.frame_u_px(1.5), blue.frame_v_px(0.25)), (3.0, 1.5));
     }
 

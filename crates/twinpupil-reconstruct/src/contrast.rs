@@ -35,14 +35,16 @@ impl Contrast {
         let background = Background::estimate(plane, polarity, noise, shading);
         let black = noise.map_or(0.0, |noise| noise.black_level as f32);
         let mut signal = Vec::with_capacity(plane.columns * plane.rows);
-        let (mut ground_row, mut lit_row) = (vec![0.0_f32; plane.columns], vec![0.0_f32; plane.columns]);
+        let line = || vec![0.0_f32; plane.columns];
+        let (mut codes, mut ground_row, mut lit_row) = (line(), line(), line());
         for row in 0..plane.rows {
             background.fill_row(row, &mut ground_row);
             lit_row.copy_from_slice(&ground_row);
             if let Some(shading) = shading {
                 shading.shade(row, &mut lit_row);
             }
-            let contrast = plane.row(row).zip(&lit_row).map(|(code, lit)| f32::from(code) - black - lit);
+            plane.read_row(row, &mut codes);
+            let contrast = codes.iter().zip(&lit_row).map(|(code, lit)| code - black - lit);
             match background.polarity {
                 Polarity::Bright => signal.extend(contrast),
                 // A dark feature takes away a share of the light, so uneven light is divided out; what the masks take
