@@ -16,7 +16,7 @@ pub enum Polarity {
 }
 
 /// Number of pixels that tell the background, about; they are spread evenly over the plane.
-const SAMPLES: usize = 8192;
+const SAMPLES: usize = 4096;
 
 /// Share of a tile that is surely ground, however many features it holds.
 const GROUND_SHARE: f64 = 0.1;
