@@ -93,6 +93,7 @@ fn reversed(surfaces: &[ParaxialSurface]) -> Vec<ParaxialSurface> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::plate::tests::lens;
 
     fn surface(curvature_per_mm: f64, index_behind: f64, gap_behind_mm: f64) -> ParaxialSurface {
         ParaxialSurface { curvature_per_mm, index_behind, gap_behind_mm }
@@ -129,19 +130,6 @@ mod tests {
         for (wavelength_nm, expected_mm) in [(450.0, 98.19), (680.0, 100.64)] {
             let found = CardinalPoints::of_fresnel(&lens(GrooveSide::Object), wavelength_nm).unwrap();
             assert!((found.focal_length_mm - expected_mm).abs() < 0.005, "{found:?}");
-        }
-    }
-
-    fn lens(grooves: GrooveSide) -> FresnelLens {
-        FresnelLens {
-            focal_length_mm: 100.0,
-            design_wavelength_nm: 587.6,
-            material: "pmma".to_owned(),
-            thickness_mm: 2.0,
-            groove_pitch_mm: 0.25,
-            draft_deg: 3.0,
-            grooves,
-            size_mm: [77.0, 77.0],
         }
     }
 }

@@ -28,7 +28,8 @@ pub enum RejectionReason {
     LowContrast,
     /// Its centre could not be measured.
     NoCentre,
-    /// No feature of the other band lies on its azimuth within the depth range, or a better pair took it.
+    /// No feature of the other band lies on its azimuth within the depth range, a better pair took it, or its pair lay
+    /// far beside the azimuth where the frame's other pairs did not.
     NoPartner,
     /// Its pair lies on the axis, or its radii belong to no depth in the range.
     NoDepth,
