@@ -1,9 +1,11 @@
 //! How a real lens departs from first order, as a plain table: the optics make it, the reconstruction inverts it.
 
+use serde::{Deserialize, Serialize};
+
 use crate::ImagePoint;
 
 /// Equally spaced nodes.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Grid {
     /// First node.
     pub start: f64,
@@ -35,7 +37,7 @@ impl Grid {
 }
 
 /// What reaches the sensor from one object point through one band.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct PointResponse {
     /// Light that arrives, relative to the unclipped pupil.
     pub throughput: f64,
@@ -44,7 +46,7 @@ pub struct PointResponse {
 }
 
 /// One band of a [`ResponseTable`]: values over distance (slow) and radius (fast).
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct BandResponse {
     /// Name of the band.
     pub band: String,
@@ -56,7 +58,7 @@ pub struct BandResponse {
 }
 
 /// Throughput and image displacement of object points over (r, z), for every band, about the optical axis.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ResponseTable {
     /// Distance from the axis in object space, mm.
     pub r_mm: Grid,
