@@ -43,6 +43,9 @@ pub struct PointResponse {
     pub throughput: f64,
     /// Radius of the centroid of its image less the radius of the first-order image, mm.
     pub radial_deviation_mm: f64,
+    /// Radius of that centroid less the radius that an ideal lens of the band's focal length would give it behind the
+    /// same masks, mm: what is left when clipping is accounted for.
+    pub aberration_mm: f64,
 }
 
 /// One band of a [`ResponseTable`]: values over distance (slow) and radius (fast).
@@ -50,6 +53,8 @@ pub struct PointResponse {
 pub struct BandResponse {
     /// Name of the band.
     pub band: String,
+    /// Focal length of the lens at the band's wavelength, mm.
+    pub focal_length_mm: f64,
     /// Values at z node `k`, r node `i` stand at index `k · r_mm.count + i`.
     pub nodes: Vec<PointResponse>,
     /// Light on the sensor from an evenly bright ground, relative to the unclipped pupil, at the nodes of
@@ -86,6 +91,7 @@ impl ResponseTable {
         PointResponse {
             throughput: blend(|node| node.throughput),
             radial_deviation_mm: blend(|node| node.radial_deviation_mm),
+            aberration_mm: blend(|node| node.aberration_mm),
         }
     }
 
@@ -104,7 +110,7 @@ impl ResponseTable {
 
     /// The image of a band at (r, z) and its throughput: the first-order image moved along its own radius.
     pub fn image(&self, band: usize, r_mm: f64, z_mm: f64, first_order: ImagePoint) -> (ImagePoint, f64) {
-        let PointResponse { throughput, radial_deviation_mm } = self.at(band, r_mm, z_mm);
+        let PointResponse { throughput, radial_deviation_mm, .. } = self.at(band, r_mm, z_mm);
         let radius_mm = (first_order.x_mm.powi(2) + first_order.y_mm.powi(2)).sqrt();
         let scale = if radius_mm > 0.0 { 1.0 + radial_deviation_mm / radius_mm } else { 1.0 };
         (ImagePoint { x_mm: first_order.x_mm * scale, y_mm: first_order.y_mm * scale }, throughput)
@@ -123,10 +129,11 @@ mod tests {
             .map(|n| PointResponse {
                 throughput: 1.0,
                 radial_deviation_mm: deviation(r_mm.node(n % 5), z_mm.node(n / 5)),
+                aberration_mm: 0.0,
             })
             .collect();
         let image_radius_mm = Grid::spanning(0.0, 2.0, 3);
-        let band = BandResponse { band: "a".to_owned(), nodes, ground: vec![0.0, 0.5, 1.0] };
+        let band = BandResponse { band: "a".to_owned(), focal_length_mm: 100.0, nodes, ground: vec![0.0, 0.5, 1.0] };
         let table = ResponseTable { r_mm, z_mm, image_radius_mm, bands: vec![band] };
         assert_eq!((table.ground(0, 0.5), table.ground(0, 9.0)), (0.25, 1.0));
         assert_eq!(table.ground_clear_mm(0), 2.0);

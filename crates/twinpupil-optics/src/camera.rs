@@ -140,6 +140,11 @@ impl BandOptics {
         &self.projection
     }
 
+    /// Focal length of the lens at the band's wavelength, mm.
+    pub fn focal_length_mm(&self) -> f64 {
+        self.masks.focal_length_mm
+    }
+
     /// Traces rays from the sensor into object space and enters their fates in `ledger`.
     ///
     /// `rays` is overwritten with as many rays as `starts` has, in the same order. The pupil points should sample the
@@ -184,6 +189,11 @@ impl BandOptics {
             Model::Thin(_) => self.masks.point_image(object_mm),
             Model::Fresnel(band) => band.point_image(object_mm),
         }
+    }
+
+    /// [`Self::point_image`] as an ideal lens of the band's focal length would make it behind the same masks, exactly.
+    pub fn ideal_point_image(&self, object_mm: [f64; 3]) -> PointImage {
+        self.masks.point_image(object_mm)
     }
 
     /// Radius about the axis at distance `z_mm` inside which other masks clip the band's pupil, mm: 0 if it is clear

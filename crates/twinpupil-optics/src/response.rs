@@ -22,6 +22,7 @@ pub fn response_table(camera: &Camera, r_mm: Grid, z_mm: Grid, image_radius_mm: 
     };
     let bands = camera.bands().iter().map(|optics| BandResponse {
         band: optics.name().to_owned(),
+        focal_length_mm: optics.focal_length_mm(),
         nodes: (0..r_mm.count * z_mm.count).into_par_iter().map(|index| node(optics, index)).collect(),
         ground: (0..image_radius_mm.count).into_par_iter().map(|i| ground(optics, image_radius_mm.node(i))).collect(),
     });
@@ -95,6 +96,10 @@ fn response(optics: &BandOptics, r_mm: f64, z_mm: f64) -> PointResponse {
     let first_order = optics.projection().image(object_mm);
     let lit = image.throughput > 0.0;
     // Signed along +x, so that the table stays smooth where a centroid crosses the axis.
-    let radial_deviation_mm = if lit { image.centroid.x_mm - first_order.x_mm } else { 0.0 };
-    PointResponse { throughput: image.throughput, radial_deviation_mm }
+    let beyond = |reference_mm: f64| if lit { image.centroid.x_mm - reference_mm } else { 0.0 };
+    PointResponse {
+        throughput: image.throughput,
+        radial_deviation_mm: beyond(first_order.x_mm),
+        aberration_mm: beyond(optics.ideal_point_image(object_mm).centroid.x_mm),
+    }
 }

@@ -143,14 +143,19 @@ mod tests {
     fn table(response: impl Fn(f64) -> PointResponse) -> ResponseTable {
         let (r_mm, z_mm) = (Grid::spanning(0.0, 10.0, 401), Grid::spanning(240.0, 360.0, 2));
         let nodes: Vec<PointResponse> = (0..802).map(|n| response(r_mm.node(n % 401))).collect();
-        let band = |name: &str| BandResponse { band: name.to_owned(), nodes: nodes.clone(), ground: vec![1.0; 2] };
+        let band = |name: &str| BandResponse {
+            band: name.to_owned(),
+            focal_length_mm: 100.0,
+            nodes: nodes.clone(),
+            ground: vec![1.0; 2],
+        };
         let image_radius_mm = Grid::spanning(0.0, 10.0, 2);
         ResponseTable { r_mm, z_mm, image_radius_mm, bands: ["red", "blue"].map(band).to_vec() }
     }
 
     #[test]
     fn an_ideal_response_is_first_order() {
-        let ideal = table(|_| PointResponse { throughput: 1.0, radial_deviation_mm: 0.0 });
+        let ideal = table(|_| PointResponse { throughput: 1.0, radial_deviation_mm: 0.0, aberration_mm: 0.0 });
         let model = Model::new(&paper::instrument(), Some(ideal));
         let object_mm = [3.0, -1.0, 280.0];
         for (image, chief) in model.images(object_mm, &FACING).into_iter().zip(model.chief_images(object_mm)) {
@@ -161,7 +166,7 @@ mod tests {
     #[test]
     fn linear_shading_moves_a_disc_by_a_quarter_of_its_radius_squared() {
         // ∫ (1 + g ξ) ξ dA / ∫ (1 + g ξ) dA = g a²/4 for a disc of radius a far from the axis.
-        let shaded = table(|r| PointResponse { throughput: 0.1 * r, radial_deviation_mm: 0.0 });
+        let shaded = table(|r| PointResponse { throughput: 0.1 * r, radial_deviation_mm: 0.0, aberration_mm: 0.0 });
         let model = Model::new(&paper::instrument(), Some(shaded));
         let object_mm = [8.0, 0.0, 300.0];
         let expected_mm = 0.51 * 0.25 * 0.25 / 8.0;
