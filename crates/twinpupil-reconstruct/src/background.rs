@@ -7,9 +7,10 @@ use crate::shading::Shading;
 use crate::surface::{Sample, Surface};
 
 /// Whether features are brighter or darker than what surrounds them.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Polarity {
     /// Bright features on dark ground.
+    #[default]
     Bright,
     /// Dark features on bright ground.
     Dark,

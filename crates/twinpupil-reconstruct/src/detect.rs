@@ -9,7 +9,7 @@ use crate::flood::{FloodRule, flood};
 use crate::lattice::{BLUR_MAX, off_lattice};
 use crate::noise::Noise;
 use crate::outline::{Outline, outlines};
-use crate::rejection::{Rejection, RejectionReason};
+use crate::rejection::{Bystander, RejectionReason};
 use crate::relief::Relief;
 use crate::shading::Shading;
 use crate::window::Windows;
@@ -19,6 +19,8 @@ use crate::window::Windows;
 pub enum Estimator {
     /// Centroid in Cartesian coordinates.
     Cartesian,
+    /// Centroid of the light in blocks of pixels: within some tenths of a pixel, to start a fit from.
+    Rough,
     /// Mean radius and mean azimuth about the axis  [Ohno2018, Eqs. 9–11].
     Radial {
         /// Where the optical axis meets the sensor.
@@ -64,17 +66,21 @@ pub struct Feature {
     pub area_px: f64,
     /// Its contrast, codes.
     pub height_codes: f64,
+    /// Level of the ground about it, codes.
+    pub ground_codes: f64,
+    /// About how far its edge reaches, from half its height to its foot, px: the radius of its blur.
+    pub edge_px: f64,
     /// Whether a neighbour's light reaches into its window and was taken out.
     pub overlapped: bool,
 }
 
 /// What was found in one plane; every feature is either measured or rejected.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Detection {
     /// Features with a measured centre, from top to bottom.
     pub features: Vec<Feature>,
-    /// The others, each with its reason.
-    pub rejected: Vec<Rejection>,
+    /// The others, each with its reason; their light still falls on their neighbours.
+    pub rejected: Vec<Bystander>,
     /// Which side of the background they lie on.
     pub polarity: Polarity,
     /// Mean level of the background, codes.
@@ -89,28 +95,52 @@ const SADDLE: f32 = 0.7;
 
 /// Finds and measures the features of one plane.
 ///
-/// `noise` is that of the sensor where it is known; without it, background scatter is taken for all of the noise.
-/// `band` names the band in rejections.
-pub fn detect(plane: &PlaneView<'_>, band: &str, noise: Option<&Noise>, options: &DetectOptions) -> Detection {
-    detect_shaded(plane, band, noise, None, options)
+/// `noise` is that of the sensor where it is known; without it, background scatter is taken for all of the noise. One
+/// who reads many planes keeps a [`Detector`] instead.
+pub fn detect(plane: &PlaneView<'_>, noise: Option<&Noise>, options: &DetectOptions) -> Detection {
+    let mut detection = Detection::default();
+    Detector::new(*options).detect(plane, noise, &mut detection);
+    detection
 }
 
-/// [`detect`] on a ground that the masks shade.
-pub(crate) fn detect_shaded(
-    plane: &PlaneView<'_>,
-    band: &str,
-    noise: Option<&Noise>,
-    shading: Option<&Shading>,
-    options: &DetectOptions,
-) -> Detection {
-    let contrast = Contrast::new(plane, options.polarity, noise, shading);
-    let (relief, found) = find(&contrast, options);
-    let background_noise =
-        Noise { floor_codes2: f64::from(contrast.pixel_noise).powi(2), slope_codes: 0.0, black_level: 0.0 };
-    let noise = noise.unwrap_or(&background_noise);
-    let measure = Measure { plane, contrast: &contrast, relief: &relief, band, noise, options };
-    let (features, rejected) = measure.all(&found);
-    Detection { features, rejected, polarity: contrast.polarity, background_codes: contrast.ground }
+/// Finds features in one plane after another and keeps its buffers, so that it allocates nothing once it is warm.
+#[derive(Debug, Clone, Default)]
+pub struct Detector {
+    options: DetectOptions,
+}
+
+impl Detector {
+    /// A detector with settings of its own.
+    pub fn new(options: DetectOptions) -> Self {
+        Self { options }
+    }
+
+    /// Finds and measures the features of one plane; `detection` is overwritten.
+    ///
+    /// `noise` is that of the sensor where it is known; without it, background scatter is taken for all of the noise.
+    /// The result depends on nothing that was read before.
+    pub fn detect(&mut self, plane: &PlaneView<'_>, noise: Option<&Noise>, detection: &mut Detection) {
+        self.detect_shaded(plane, noise, None, detection);
+    }
+
+    /// [`Self::detect`] on a ground that the masks shade.
+    pub(crate) fn detect_shaded(
+        &mut self,
+        plane: &PlaneView<'_>,
+        noise: Option<&Noise>,
+        shading: Option<&Shading>,
+        detection: &mut Detection,
+    ) {
+        let options = &self.options;
+        let contrast = Contrast::new(plane, options.polarity, noise, shading);
+        let (relief, found) = find(&contrast, options);
+        let background_noise =
+            Noise { floor_codes2: f64::from(contrast.pixel_noise).powi(2), slope_codes: 0.0, black_level: 0.0 };
+        let noise = noise.unwrap_or(&background_noise);
+        let measure = Measure { plane, contrast: &contrast, relief: &relief, noise, options };
+        let (features, rejected) = measure.all(&found);
+        *detection = Detection { features, rejected, polarity: contrast.polarity, background_codes: contrast.ground };
+    }
 }
 
 /// The outlines of everything that stands out of the noise, on a relief no finer than large features need.
@@ -137,13 +167,12 @@ struct Measure<'a> {
     plane: &'a PlaneView<'a>,
     contrast: &'a Contrast,
     relief: &'a Relief,
-    band: &'a str,
     noise: &'a Noise,
     options: &'a DetectOptions,
 }
 
 impl Measure<'_> {
-    fn all(&self, found: &[Outline]) -> (Vec<Feature>, Vec<Rejection>) {
+    fn all(&self, found: &[Outline]) -> (Vec<Feature>, Vec<Bystander>) {
         let mut windows = Windows::new(self.contrast, &self.discs(found));
         let centres = cartesian_means(&mut windows, self.contrast, self.noise);
         let mut heights: Vec<f32> = found.iter().map(|outline| outline.height).collect();
@@ -159,12 +188,11 @@ impl Measure<'_> {
             );
             match judged {
                 Ok(feature) => features.push(feature),
-                Err(reason) => rejected.push(Rejection {
-                    band: self.band.to_owned(),
-                    position: self.frame_position(self.plane_centre(outline)),
-                    area_px: self.area_px(outline),
-                    reason,
-                }),
+                Err(reason) => {
+                    let centre = Centre { position: self.plane_centre(outline), std: [0.5; 2] };
+                    let feature = self.feature(outline, centre, windows.overlaps(index));
+                    rejected.push(Bystander { feature, reason });
+                }
             }
         }
         features.sort_by(|a, b| a.centre.v.total_cmp(&b.centre.v).then(a.centre.u.total_cmp(&b.centre.u)));
@@ -217,6 +245,7 @@ impl Measure<'_> {
     fn centre(&self, windows: &Windows<'_>, index: usize, outline: &Outline, centre: Option<Centre>) -> Option<Centre> {
         let centre = centre?;
         match self.options.estimator {
+            Estimator::Rough => Some(centre),
             Estimator::Cartesian if self.has_soft_edge(outline) => Some(centre),
             Estimator::Cartesian => {
                 let pixel_width = 1.0 / self.plane.step_px as f64;
@@ -246,6 +275,8 @@ impl Measure<'_> {
             centre_std_px: centre.std.map(|std| std * step),
             area_px: self.area_px(outline),
             height_codes: f64::from(outline.height),
+            ground_codes: self.contrast.ground,
+            edge_px: outline.skirt * self.relief.scale as f64 * step,
             overlapped,
         }
     }

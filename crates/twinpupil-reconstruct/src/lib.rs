@@ -31,9 +31,9 @@ mod unmix;
 mod window;
 
 pub use background::Polarity;
-pub use detect::{DetectOptions, Detection, Estimator, Feature, detect};
+pub use detect::{DetectOptions, Detection, Detector, Estimator, Feature, detect};
 pub use fit::{Estimate, FitError, FitPoint, LineAxis, LineFit, PlaneFit, Quality, fit_line, fit_plane};
 pub use matching::MatchOptions;
 pub use noise::Noise;
 pub use pipeline::{Mode, Options, Point, ReconstructError, Reconstruction, Reconstructor};
-pub use rejection::{Rejection, RejectionReason};
+pub use rejection::{Bystander, Rejection, RejectionReason};

@@ -211,7 +211,15 @@ mod tests {
     use twinpupil_instrument::{Instrument, paper};
 
     fn feature(centre: PixelPoint, area_px: f64) -> Feature {
-        Feature { centre, centre_std_px: [0.01; 2], area_px, height_codes: 1000.0, overlapped: false }
+        Feature {
+            centre,
+            centre_std_px: [0.01; 2],
+            area_px,
+            height_codes: 1000.0,
+            ground_codes: 0.0,
+            edge_px: 4.0,
+            overlapped: false,
+        }
     }
 
     /// Both images of discs of 1 mm.

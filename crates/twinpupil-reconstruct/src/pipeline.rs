@@ -6,7 +6,7 @@ use std::sync::OnceLock;
 use thiserror::Error;
 use twinpupil_instrument::{Frame, FrameError, Instrument, PixelPoint, PlaneView, ResponseMatrix, ResponseTable, Role};
 
-use crate::detect::{DetectOptions, Detection, Estimator, Feature, detect_shaded};
+use crate::detect::{DetectOptions, Detection, Detector, Estimator, Feature};
 use crate::matching::{Match, MatchOptions, pair_up};
 use crate::model::{Disc, Model};
 use crate::noise::Noise;
@@ -170,7 +170,9 @@ impl Reconstructor {
         let band = self.instrument.band(role);
         let plane = clean.frame.plane(self.instrument.sensor.mosaic, &band.plane)?;
         let shading = self.shading(role, &plane);
-        Ok(detect_shaded(&plane, &band.name, Some(&clean.noise), shading, &self.options.detect))
+        let mut detection = Detection::default();
+        Detector::new(self.options.detect).detect_shaded(&plane, Some(&clean.noise), shading, &mut detection);
+        Ok(detection)
     }
 
     /// What the masks leave of an even ground, computed with the first frame; `None` without a response table, or for
@@ -199,8 +201,8 @@ impl Reconstructor {
         for ((detection, fates), role) in
             [telecentric, entocentric].into_iter().zip(fates).zip([Role::Telecentric, Role::Entocentric])
         {
-            rejected.extend(detection.rejected);
             let band = &self.instrument.band(role).name;
+            rejected.extend(detection.rejected.iter().map(|bystander| bystander.rejection(band)));
             rejected.extend(detection.features.iter().zip(fates).filter_map(|(feature, fate)| {
                 Some(Rejection {
                     band: band.clone(),

@@ -2,6 +2,29 @@
 
 use twinpupil_instrument::PixelPoint;
 
+use crate::detect::Feature;
+
+/// A feature of a plane that is not measured. What is known of it is rough, but its light falls on its neighbours.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Bystander {
+    /// Where it is, how large and how high, about.
+    pub feature: Feature,
+    /// Why it was not used.
+    pub reason: RejectionReason,
+}
+
+impl Bystander {
+    /// The rejection of this feature of a band.
+    pub fn rejection(&self, band: &str) -> Rejection {
+        Rejection {
+            band: band.to_owned(),
+            position: self.feature.centre,
+            area_px: self.feature.area_px,
+            reason: self.reason,
+        }
+    }
+}
+
 /// A feature that was found but not used.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Rejection {

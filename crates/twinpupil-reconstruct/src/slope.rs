@@ -82,6 +82,8 @@ mod tests {
             centre_std_px: [0.01; 2],
             area_px: 100.0,
             height_codes: 1000.0,
+            ground_codes: 0.0,
+            edge_px: 4.0,
             overlapped: false,
         };
         (0..36)

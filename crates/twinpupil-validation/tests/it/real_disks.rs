@@ -20,7 +20,7 @@ fn every_listed_disk_is_found_where_another_program_found_it() {
     let centres = centres(&folder.join("centres.csv"));
     for (plane, column) in [("b", 1), ("r", 3)] {
         let view = frame.plane(Mosaic::Gbrg, plane).expect("a Bayer frame");
-        let found = detect(&view, plane, None, &DetectOptions::default());
+        let found = detect(&view, None, &DetectOptions::default());
         assert_eq!(found.features.len(), centres.len(), "as many features as disks");
         assert!(found.rejected.iter().all(|rejected| rejected.reason == RejectionReason::CutByBorder));
         let offsets: Vec<[f64; 2]> =

@@ -152,10 +152,10 @@ impl Target {
         for band in &self.bands {
             let found = match (&self.reconstructor, band.role) {
                 (Some(reconstructor), Some(role)) => reconstructor.detect(&frame, role),
-                _ => frame.plane(self.mosaic, &band.plane).map(|view| detect(&view, &band.name, None, &self.options)),
+                _ => frame.plane(self.mosaic, &band.plane).map(|view| detect(&view, None, &self.options)),
             };
             let found = found.with_context(|| name.clone())?;
-            rejected.extend(found.rejected);
+            rejected.extend(found.rejected.iter().map(|bystander| bystander.rejection(&band.name)));
             bands.push(BandFeatures { frame: name.clone(), band: band.name.clone(), features: found.features });
         }
         Ok(Done { bands, rejected: FrameRejections { frame: name, rejected } })

@@ -92,6 +92,8 @@ mod tests {
             centre_std_px: [0.002, 0.003],
             area_px: 5945.0,
             height_codes: 2500.0,
+            ground_codes: 20.0,
+            edge_px: 4.0,
             overlapped: false,
         };
         Point {
