@@ -49,14 +49,57 @@ impl Disc {
     #[inline(always)]
     pub(crate) fn coverage(&self, ray: &Ray) -> (f64, f64) {
         let z_mm = ray.meets_plane([self.x_mm, self.y_mm, self.z_mm], self.slope);
-        let ([x_mm, y_mm], [a, b]) = (ray.at(z_mm), self.slope);
+        let [x_mm, y_mm] = ray.at(z_mm);
         let (dx, dy, dz) = (x_mm - self.x_mm, y_mm - self.y_mm, z_mm - self.z_mm);
         let square_mm2 = dx * dx + dy * dy + dz * dz;
+        (self.risen(square_mm2, self.width_mm(dx, dy, dz)), z_mm)
+    }
+
+    /// Sums over `rays` of weight × what [`Disc::sensitivity`] gives.
+    pub(crate) fn light_sensitivity(&self, rays: &ObjectRays) -> [f64; 5] {
+        sum_sensitivity(self, rays)
+    }
+
+    /// Width of the shadow in the direction of the edge that is nearest to a place on the dot, from its centre.
+    #[inline(always)]
+    fn width_mm(&self, dx: f64, dy: f64, dz: f64) -> f64 {
         // Length on the dot of a step across the axis, straight towards the nearest edge; 1 in the centre.
+        let [a, b] = self.slope;
         let (gx, gy) = (dx + a * dz, dy + b * dz);
         let tiny = f64::MIN_POSITIVE;
-        let stretch = ((gx * gx + gy * gy + tiny) / (square_mm2 + tiny)).sqrt();
-        (self.risen(square_mm2, self.shadow_mm * stretch), z_mm)
+        self.shadow_mm * ((gx * gx + gy * gy + tiny) / (dx * dx + dy * dy + dz * dz + tiny)).sqrt()
+    }
+
+    /// How much this dot covers along one ray, and the derivatives of that by the dot's x, y, z and diameter, per mm.
+    ///
+    /// A ray (x, y, 0) + t s, s = (s_x, s_y, 1), meets the plane through the centre c that rises by a and b along x and
+    /// y at t = (c_z + a (x − c_x) + b (y − c_y))/D, D = 1 − a s_x − b s_y, so from the centre e = (x, y, 0) + t s − c
+    ///
+    /// ```text
+    /// ½ ∂ρ²/∂c = (e·s)/D · (−a, −b, 1) − e
+    /// ```
+    ///
+    /// The width of the blurred edge counts as fixed: changing it moves no edge.
+    #[inline(always)]
+    pub(crate) fn sensitivity(&self, ray: &Ray) -> [f64; 5] {
+        let ([a, b], r) = (self.slope, self.radius_mm);
+        let z_mm = ray.meets_plane([self.x_mm, self.y_mm, self.z_mm], self.slope);
+        let [x_mm, y_mm] = ray.at(z_mm);
+        let (dx, dy, dz) = (x_mm - self.x_mm, y_mm - self.y_mm, z_mm - self.z_mm);
+        let (square_mm2, w) = (dx * dx + dy * dy + dz * dz, self.width_mm(dx, dy, dz));
+        let (coverage, full) = (self.risen(square_mm2, w), self.full(w));
+        // No branch, so that it vectorises: 1 on the blurred edge, 0 elsewhere.
+        let on_edge = f64::from(u8::from((coverage > 0.0) & (coverage < full)));
+        let along = (dx * ray.slope_x + dy * ray.slope_y + dz) / (1.0 - a * ray.slope_x - b * ray.slope_y);
+        let per_half_square = -on_edge * full / (r * w);
+        let growth = full * (r * r + square_mm2) / (2.0 * r * r * w) + coverage * self.full_growth(w);
+        [
+            coverage,
+            per_half_square * (-a * along - dx),
+            per_half_square * (-b * along - dy),
+            per_half_square * (along - dz),
+            0.5 * on_edge * growth,
+        ]
     }
 
     /// Coverage at the squared distance ρ² from the centre, under a shadow of width w.
@@ -64,9 +107,21 @@ impl Disc {
     fn risen(&self, square_mm2: f64, width_mm: f64) -> f64 {
         let (r, w) = (self.radius_mm, width_mm);
         let coverage = (0.5 + (r * r - square_mm2) * (0.5 / (r * w))).clamp(0.0, 1.0);
-        // 1 unless the dot is smaller than the shadow.
-        let wide = w.max(r);
-        coverage * (4.0 * r * wide / ((r + wide) * (r + wide)))
+        coverage * self.full(w)
+    }
+
+    /// What coverage is scaled with under a shadow of width w: 1 unless the dot is smaller than the shadow.
+    #[inline(always)]
+    fn full(&self, width_mm: f64) -> f64 {
+        let (r, wide) = (self.radius_mm, width_mm.max(self.radius_mm));
+        4.0 * r * wide / ((r + wide) * (r + wide))
+    }
+
+    /// Relative growth of [`Disc::full`] with the radius, per mm.
+    #[inline(always)]
+    fn full_growth(&self, width_mm: f64) -> f64 {
+        let (r, wide) = (self.radius_mm, width_mm.max(self.radius_mm));
+        1.0 / r - 2.0 / (r + wide)
     }
 }
 
@@ -90,6 +145,34 @@ fn add_tilted(disc: &Disc, rays: &ObjectRays, coverage: &mut [f64]) {
         let ray = Ray { x_mm: *x_mm, y_mm: *y_mm, slope_x: *slope_x, slope_y: *slope_y };
         *coverage += disc.coverage(&ray).0;
     }
+}
+
+/// Rays summed side by side, so that they vectorise.
+const LANES: usize = 8;
+
+#[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
+fn sum_sensitivity(disc: &Disc, rays: &ObjectRays) -> [f64; 5] {
+    let mut sums = [[0.0; LANES]; 5];
+    for first in (0..rays.len()).step_by(LANES) {
+        // The last rays may be fewer; the others weigh nothing.
+        let padded = |values: &[f64]| -> [f64; LANES] {
+            let mut lanes = [0.0; LANES];
+            let values = &values[first..values.len().min(first + LANES)];
+            lanes[..values.len()].copy_from_slice(values);
+            lanes
+        };
+        let (x_mm, y_mm, weight) = (padded(&rays.x_mm), padded(&rays.y_mm), padded(&rays.weight));
+        let (slope_x, slope_y) = (padded(&rays.slope_x), padded(&rays.slope_y));
+        for lane in 0..LANES {
+            let ray = Ray { x_mm: x_mm[lane], y_mm: y_mm[lane], slope_x: slope_x[lane], slope_y: slope_y[lane] };
+            let values = disc.sensitivity(&ray);
+            for (sums, value) in sums.iter_mut().zip(values) {
+                // Positions of lost rays mean nothing and may be NaN.
+                sums[lane] += if weight[lane] > 0.0 { weight[lane] * value } else { 0.0 };
+            }
+        }
+    }
+    sums.map(|lanes| lanes.iter().sum())
 }
 
 #[cfg(test)]
@@ -144,6 +227,42 @@ mod tests {
                 assert!((together - 0.25 - alone).abs() < 1e-12);
             }
             assert!(coverage[4].is_nan());
+        }
+    }
+
+    #[test]
+    fn derivatives_are_those_of_the_coverage() {
+        let step_mm = 1e-6;
+        let ray = Ray { x_mm: -8.63, y_mm: 0.22, slope_x: 0.03, slope_y: -0.0001 };
+        for (tilt_deg, shadow_mm) in [(0.0, 0.5), (0.0, 2.0), (50.0, 0.6), (-50.0, 0.5), (50.0, 3.0)] {
+            let moved = |unknown: usize, step_mm: f64| {
+                let mut dot = dot(1.0, tilt_deg);
+                match unknown {
+                    3 => dot.diameter_mm += step_mm,
+                    axis => dot.centre_mm[axis] += step_mm,
+                }
+                // The blur of the edge is held as it is where the ray meets the dot.
+                let disc = Disc::new(&dot, 1.0);
+                let z_mm = ray.meets_plane(dot.centre_mm, disc.slope);
+                let [x_mm, y_mm] = ray.at(z_mm);
+                let e = [x_mm - dot.centre_mm[0], y_mm - dot.centre_mm[1], z_mm - dot.centre_mm[2]];
+                (disc, e.iter().map(|c| c * c).sum::<f64>(), e)
+            };
+            let here = Disc::new(&dot(1.0, tilt_deg), shadow_mm);
+            let [dx, dy, dz] = moved(0, 0.0).2;
+            let width_mm = here.width_mm(dx, dy, dz);
+            let found = here.sensitivity(&ray);
+            assert_eq!(found[0], here.coverage(&ray).0);
+            assert!(found[0] > 0.05 && found[0] < 0.95, "{found:?}");
+            for unknown in 0..4 {
+                let at = |step_mm: f64| {
+                    let (disc, square_mm2, _) = moved(unknown, step_mm);
+                    disc.risen(square_mm2, width_mm)
+                };
+                let expected = (at(step_mm) - at(-step_mm)) / (2.0 * step_mm);
+                let error = (found[1 + unknown] - expected).abs();
+                assert!(error < 1e-6, "tilt {tilt_deg}, {unknown}: {} is not {expected}", found[1 + unknown]);
+            }
         }
     }
 

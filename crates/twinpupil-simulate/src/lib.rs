@@ -7,6 +7,7 @@
 //!
 //! Nothing here does I/O. The same scene, instrument and seed give the same bytes on any number of threads.
 
+mod bound;
 mod bundle;
 mod disc;
 mod dot;
@@ -20,10 +21,12 @@ mod ray;
 mod render;
 mod sampling;
 mod scene;
+mod sensitivity;
 mod sensor;
 mod simulate;
 mod texture;
 
+pub use bound::{Bound, DotInformation, dot_bounds};
 pub use dot::{Dot, DotSpec};
 pub use packing::{PackingError, RandomDots};
 pub use plate::{DotGrid, ImagePattern, Pattern, Plate, Pose, TiltAxis};

@@ -16,7 +16,7 @@ use crate::scene::Scene;
 use crate::texture::Texture;
 
 /// Side of the squares of pixels that are first looked at as a whole, px.
-const TILE_PX: usize = 16;
+pub(crate) const TILE_PX: usize = 16;
 
 /// Smallest magnification at which a length on the sensor still makes sense in object space.
 const MAGNIFICATION_MIN: f64 = 1e-6;
@@ -27,21 +27,22 @@ const SHADOW_MM_MAX: f64 = 1e6;
 
 /// Scene, optics and samples, ready to give the light in any pixel.
 pub(crate) struct Renderer<'a> {
-    scene: &'a Scene,
-    sensor: &'a Sensor,
-    bands: Vec<BandView<'a>>,
+    pub(crate) scene: &'a Scene,
+    pub(crate) sensor: &'a Sensor,
+    pub(crate) bands: Vec<BandView<'a>>,
     index: DotIndex,
-    bank: SampleBank,
-    pupil_samples: usize,
+    pub(crate) bank: SampleBank,
+    pub(crate) pupil_samples: usize,
 }
 
 /// One band and the scene as it appears in it.
-struct BandView<'a> {
-    optics: &'a BandOptics,
+pub(crate) struct BandView<'a> {
+    pub(crate) optics: &'a BandOptics,
     projection: Projection,
     pitch_mm: f64,
+    pupil_samples: usize,
     /// In the order of the scene's dots.
-    discs: Vec<Disc>,
+    pub(crate) discs: Vec<Disc>,
     /// Width of the widest shadow of a ray on a dot.
     shadow_mm_max: f64,
 }
@@ -59,13 +60,13 @@ struct Prospect {
 
 /// Buffers that are used again from pixel to pixel.
 #[derive(Default)]
-struct Workspace {
+pub(crate) struct Workspace {
     nearby: Vec<usize>,
     tile: Prospect,
     pixel: Prospect,
     image_x_mm: Vec<f64>,
     image_y_mm: Vec<f64>,
-    rays: ObjectRays,
+    pub(crate) rays: ObjectRays,
     coverage: Vec<f64>,
     ledger: RayLedger,
 }
@@ -160,7 +161,7 @@ impl<'a> Renderer<'a> {
     }
 
     /// Centre and radius of the image disc about a rectangle of pixels.
-    fn disc(&self, first: [usize; 2], size_px: [usize; 2]) -> (ImagePoint, f64) {
+    pub(crate) fn disc(&self, first: [usize; 2], size_px: [usize; 2]) -> (ImagePoint, f64) {
         let middle = |axis: usize| first[axis] as f64 + 0.5 * (size_px[axis] as f64 - 1.0);
         let centre = self.sensor.image_from_pixel(PixelPoint { u: middle(0), v: middle(1) });
         (centre, 0.5 * self.sensor.pitch_mm * (size_px[0] as f64).hypot(size_px[1] as f64))
@@ -169,6 +170,13 @@ impl<'a> Renderer<'a> {
     /// What the bundle of a tile meets among all there is.
     fn look_around(&self, band: usize, bundle: &Bundle<'_>, workspace: &mut Workspace) {
         let Workspace { nearby, tile, .. } = workspace;
+        self.find_dots(band, bundle, nearby);
+        let picture = self.scene.texture().is_some_and(|texture| may_meet(bundle, texture));
+        self.look_at(band, bundle, nearby, picture, tile);
+    }
+
+    /// Replaces `nearby` by the dots that the bundle may meet.
+    pub(crate) fn find_dots(&self, band: usize, bundle: &Bundle<'_>, nearby: &mut Vec<usize>) {
         nearby.clear();
         if !self.scene.dots().is_empty() {
             let [near_mm, far_mm] = self.index.z_mm;
@@ -176,8 +184,6 @@ impl<'a> Renderer<'a> {
             let shadow_mm = self.bands[band].shadow_mm_max;
             self.index.find(low_mm.map(|c| c - shadow_mm), high_mm.map(|c| c + shadow_mm), nearby);
         }
-        let picture = self.scene.texture().is_some_and(|texture| may_meet(bundle, texture));
-        self.look_at(band, bundle, nearby, picture, tile);
     }
 
     /// What the bundle of a pixel meets among what its tile does.
@@ -211,7 +217,7 @@ impl<'a> Renderer<'a> {
     }
 
     /// Traces the rays from the centre of a pixel.
-    fn trace(&self, bundle: &Bundle<'_>, samples: &SampleSet, workspace: &mut Workspace) {
+    pub(crate) fn trace(&self, bundle: &Bundle<'_>, samples: &SampleSet, workspace: &mut Workspace) {
         let Workspace { image_x_mm, image_y_mm, rays, ledger, .. } = workspace;
         let ImagePoint { x_mm, y_mm } = bundle.centre;
         for (buffer, value) in [(&mut *image_x_mm, x_mm), (&mut *image_y_mm, y_mm)] {
@@ -258,17 +264,31 @@ impl<'a> BandView<'a> {
         scene: &Scene,
         pupil_samples: usize,
     ) -> Self {
-        let disc = |dot: &Dot| {
-            let z_mm = dot.centre_mm[2];
-            let pixel_mm = object_length_mm(&projection, sensor.pitch_mm, z_mm);
-            let blur_mm = object_length_mm(&projection, projection.blur_radius_mm(z_mm), z_mm);
-            // `max` comes first: it also catches the NaN of a pupil that no pencil of rays fills.
-            let shadow_mm = pixel_mm.hypot(blur_mm * pupil_cell(pupil_samples)).max(SHADOW_MM_MIN);
-            Disc::new(dot, shadow_mm.min(SHADOW_MM_MAX))
+        let mut view = Self {
+            optics,
+            projection,
+            pitch_mm: sensor.pitch_mm,
+            pupil_samples,
+            discs: Vec::new(),
+            shadow_mm_max: 0.0,
         };
-        let discs: Vec<Disc> = scene.dots().iter().map(disc).collect();
-        let shadow_mm_max = discs.iter().map(|disc| disc.shadow_mm).fold(0.0, f64::max);
-        Self { optics, projection, pitch_mm: sensor.pitch_mm, discs, shadow_mm_max }
+        view.discs = scene.dots().iter().map(|dot| view.disc(dot)).collect();
+        view.shadow_mm_max = view.discs.iter().map(|disc| disc.shadow_mm).fold(0.0, f64::max);
+        view
+    }
+
+    /// A dot as the rays of this band meet it.
+    fn disc(&self, dot: &Dot) -> Disc {
+        let z_mm = dot.centre_mm[2];
+        let blur_mm = object_length_mm(&self.projection, self.projection.blur_radius_mm(z_mm), z_mm);
+        // `max` comes first: it also catches the NaN of a pupil that no pencil of rays fills.
+        let shadow_mm = self.pixel_mm(z_mm).hypot(blur_mm * pupil_cell(self.pupil_samples)).max(SHADOW_MM_MIN);
+        Disc::new(dot, shadow_mm.min(SHADOW_MM_MAX))
+    }
+
+    /// Width in object space at distance z of a pixel, seen from one pupil point, mm.
+    fn pixel_mm(&self, z_mm: f64) -> f64 {
+        object_length_mm(&self.projection, self.pitch_mm, z_mm)
     }
 
     /// What a ray sees of the picture at its own place in the pixel, which is moved there on the plate.
@@ -276,7 +296,7 @@ impl<'a> BandView<'a> {
         let pose = texture.pose();
         let z_mm = ray.meets_plane([0.0, 0.0, pose.distance_mm], pose.slope);
         let [x_mm, y_mm] = ray.at(z_mm);
-        let pixel_mm = object_length_mm(&self.projection, self.pitch_mm, z_mm);
+        let pixel_mm = self.pixel_mm(z_mm);
         match texture.at(x_mm + pixel_mm * offset_px[0], y_mm + pixel_mm * offset_px[1]) {
             Some(value) => PictureHit { value, z_mm },
             None => PictureHit { value: 0.0, z_mm: f64::INFINITY },
