@@ -161,6 +161,19 @@ impl<'a> PlaneView<'a> {
         codes.iter_mut().zip(pairs).for_each(|(value, pair)| *value = f32::from(pair[0]));
     }
 
+    /// Reads as many codes of one row of the plane as `codes` holds, from column `first` on.
+    ///
+    /// # Panics
+    /// If the row ends before.
+    pub fn read_span(&self, row: usize, first: usize, codes: &mut [f32]) {
+        let start = (self.origin_px[1] + row * self.step_px) * self.frame_width_px + self.origin_px[0];
+        let line = &self.codes[start + first * self.step_px..];
+        match self.step_px {
+            1 => codes.iter_mut().zip(line).for_each(|(value, code)| *value = f32::from(*code)),
+            step => codes.iter_mut().enumerate().for_each(|(k, value)| *value = f32::from(line[k * step])),
+        }
+    }
+
     /// The code of one pixel of the plane, which must lie within it.
     pub fn code(&self, column: usize, row: usize) -> u16 {
         let [u, v] = self.origin_px;

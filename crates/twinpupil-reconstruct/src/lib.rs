@@ -16,6 +16,7 @@ mod detect;
 mod fit;
 mod flood;
 mod lattice;
+mod likelihood;
 mod matching;
 mod model;
 mod noise;

@@ -6,7 +6,10 @@ use std::sync::OnceLock;
 use thiserror::Error;
 use twinpupil_instrument::{Frame, FrameError, Instrument, PixelPoint, PlaneView, ResponseMatrix, ResponseTable, Role};
 
+use crate::background::Polarity;
 use crate::detect::{DetectOptions, Detection, Detector, Estimator, Feature};
+use crate::likelihood::joint::Workspace;
+use crate::likelihood::refine::{ForwardModel, Refined, Seed};
 use crate::matching::{Match, MatchOptions, pair_up};
 use crate::model::{Disc, Model};
 use crate::noise::Noise;
@@ -24,6 +27,9 @@ pub enum Mode {
     /// Cartesian centroids, and positions by inverting the instrument's forward model.
     #[default]
     Centroid,
+    /// The dots whose modelled light, through the masks, out of focus and on their neighbours, is the most likely one
+    /// given every pixel.
+    Model,
 }
 
 /// Settings of a reconstruction.
@@ -44,6 +50,14 @@ pub struct Point {
     pub position_mm: [f64; 3],
     /// Standard deviations from pixel noise, mm.
     pub std_mm: [f64; 3],
+    /// Covariance of x, y and z from pixel noise, mm².
+    pub covariance_mm2: [[f64; 3]; 3],
+    /// How badly what the bands measure by themselves fits one point in space: χ² of the match.
+    pub match_chi2: f64,
+    /// Degrees of freedom of [`Self::match_chi2`].
+    pub match_dof: usize,
+    /// χ² of the pixels about their model over their number; `None` where no model was laid over them.
+    pub pixel_chi2: Option<f64>,
     /// Γ, telecentric over entocentric radius.
     pub gamma: f64,
     /// The feature in the telecentric band.
@@ -110,6 +124,7 @@ const TILT_ROUNDS: usize = 2;
 pub struct Reconstructor {
     instrument: Instrument,
     model: Model,
+    forward: ForwardModel,
     options: Options,
     shadings: [OnceLock<Shading>; 2],
     crosstalk: Option<Crosstalk>,
@@ -122,11 +137,14 @@ impl Reconstructor {
         let [u, v] = instrument.sensor.axis_px;
         let estimator = match options.mode {
             Mode::Paper => Estimator::Radial { axis: PixelPoint { u, v } },
-            Mode::Centroid => Estimator::Cartesian,
+            Mode::Centroid | Mode::Model => Estimator::Cartesian,
         };
-        let model = Model::new(&instrument, table.filter(|_| options.mode == Mode::Centroid));
+        let table = table.filter(|_| options.mode != Mode::Paper);
+        let bands = [Role::Telecentric, Role::Entocentric].map(|role| instrument.band_index(role));
+        let forward = ForwardModel::new(&instrument, table.as_ref(), &bands);
+        let model = Model::new(&instrument, table);
         let options = Options { detect: DetectOptions { estimator, ..options.detect }, ..options };
-        Self { instrument, model, options, shadings: Default::default(), crosstalk: None }
+        Self { instrument, model, forward, options, shadings: Default::default(), crosstalk: None }
     }
 
     /// Takes the crosstalk between the two planes off every frame before anything is measured.
@@ -144,21 +162,135 @@ impl Reconstructor {
         let clean = Clean::of(self, frame)?;
         let telecentric = self.detect_clean(&clean, Role::Telecentric)?;
         let entocentric = self.detect_clean(&clean, Role::Entocentric)?;
-        Ok(self.points_from(telecentric, entocentric))
+        if self.options.mode != Mode::Model {
+            return Ok(self.points_from(telecentric, entocentric));
+        }
+        let pairs = self.pair(&telecentric, &entocentric);
+        let points = self.points(&telecentric.features, &entocentric.features, &pairs);
+        let planes = [Role::Telecentric, Role::Entocentric].map(|role| {
+            let plane = clean.frame.plane(self.instrument.sensor.mosaic, &self.instrument.band(role).plane);
+            plane.map(|plane| (plane, clean.noise))
+        });
+        let [a, b] = planes;
+        let points = self.refined([a?, b?], [&telecentric, &entocentric], &pairs, points);
+        Ok(self.account(telecentric, entocentric, &pairs, points))
     }
 
-    /// Pairs the features of the two bands and places the pairs: what [`Reconstructor::frame`] does once it has
-    /// detected.
-    pub fn points_from(&self, telecentric: Detection, entocentric: Detection) -> Reconstruction {
-        let pairs = pair_up(
+    /// Points placed anew by what all pixels say.
+    fn refined(
+        &self,
+        planes: [(PlaneView<'_>, Noise); 2],
+        detections: [&Detection; 2],
+        pairs: &[Match],
+        mut points: Vec<Option<Point>>,
+    ) -> Vec<Option<Point>> {
+        let signs = detections.map(|detection| if detection.polarity == Polarity::Bright { 1.0 } else { -1.0 });
+        let background =
+            std::array::from_fn::<f64, 2, _>(|role| detections[role].background_codes - planes[role].1.black_level);
+        let seed = |point: &Point| Seed {
+            centre_mm: point.position_mm,
+            diameter_mm: point.diameter_mm,
+            contrast: vec![
+                Some(signs[0] * point.telecentric.height_codes),
+                Some(signs[1] * point.entocentric.height_codes),
+            ],
+            placed: true,
+        };
+        let mut seeds: Vec<Seed> = points.iter().flatten().map(seed).collect();
+        let placed = seeds.len();
+        seeds.extend(self.lone_seeds(detections, signs, pairs, &points));
+        let refined = self.forward.refine(&planes, &seeds, &background, &mut Workspace::default());
+        for (point, refined) in points.iter_mut().filter(|point| point.is_some()).zip(refined.into_iter().take(placed))
+        {
+            if let (Some(point), Some(refined)) = (point, refined) {
+                const NOT_A_DISC: f64 = 0.05;
+                if refined.misfit < NOT_A_DISC {
+                    self.place(point, &refined);
+                }
+            }
+        }
+        points
+    }
+
+    fn place(&self, point: &mut Point, refined: &Refined) {
+        let covariance = refined.position_covariance_mm2();
+        point.position_mm = refined.dot.centre_mm;
+        point.diameter_mm = refined.dot.diameter_mm;
+        point.covariance_mm2 = std::array::from_fn(|i| std::array::from_fn(|k| covariance[(i, k)]));
+        point.std_mm = std::array::from_fn(|i| covariance[(i, i)].sqrt());
+        point.pixel_chi2 = Some(refined.reduced_chi2);
+        if let [Some(telecentric), Some(entocentric)] = refined.centres[..] {
+            for (feature, own) in [(&mut point.telecentric, telecentric), (&mut point.entocentric, entocentric)] {
+                feature.centre = own.centre;
+                feature.centre_std_px = own.std_px;
+            }
+            point.match_chi2 = telecentric.chi2 + entocentric.chi2;
+            point.match_dof = 2;
+            let images = [telecentric, entocentric].map(|own| self.instrument.sensor.image_from_pixel(own.centre));
+            point.gamma = images[0].radius_mm() / images[1].radius_mm();
+            let [t, e] = images;
+            point.azimuth_residual_px =
+                (t.x_mm * e.y_mm - t.y_mm * e.x_mm) / t.radius_mm().max(1e-12) / self.instrument.sensor.pitch_mm;
+        }
+    }
+
+    /// Features of one band that became no point, as dots somewhere along the line of sight.
+    fn lone_seeds(
+        &self,
+        detections: [&Detection; 2],
+        signs: [f64; 2],
+        pairs: &[Match],
+        points: &[Option<Point>],
+    ) -> Vec<Seed> {
+        let mut depths_mm: Vec<f64> = points.iter().flatten().map(|point| point.position_mm[2]).collect();
+        depths_mm.sort_by(f64::total_cmp);
+        let z_mm = depths_mm.get(depths_mm.len() / 2).copied().unwrap_or(self.instrument.focus_distance_mm());
+        let magnifications = self.model.magnifications(z_mm);
+        let mut seeds = Vec::new();
+        for role in 0..2 {
+            let detection = detections[role];
+            let paired = |index: usize| {
+                pairs
+                    .iter()
+                    .zip(points)
+                    .any(|(pair, point)| point.is_some() && [pair.telecentric, pair.entocentric][role] == index)
+            };
+            let alone = detection.features.iter().enumerate().filter(|(index, _)| !paired(*index)).map(|(_, f)| f);
+            let bystanders = detection.rejected.iter().map(|bystander| &bystander.feature);
+            for feature in alone.chain(bystanders) {
+                let image = self.instrument.sensor.image_from_pixel(feature.centre);
+                let m = magnifications[role];
+                let diameter_px = 2.0 * (feature.area_px / std::f64::consts::PI).sqrt();
+                let mut contrast = vec![None, None];
+                contrast[role] = Some(signs[role] * feature.height_codes);
+                seeds.push(Seed {
+                    centre_mm: [image.x_mm / m, image.y_mm / m, z_mm],
+                    diameter_mm: (diameter_px * self.instrument.sensor.pitch_mm / m).max(1e-3),
+                    contrast,
+                    placed: false,
+                });
+            }
+        }
+        seeds
+    }
+
+    fn pair(&self, telecentric: &Detection, entocentric: &Detection) -> Vec<Match> {
+        pair_up(
             &self.model,
             &self.instrument.sensor,
             self.instrument.depth_range(),
             &telecentric.features,
             &entocentric.features,
             &self.options.matching,
-        );
-        self.locate(telecentric, entocentric, &pairs)
+        )
+    }
+
+    /// Pairs the features of the two bands and places the pairs: what [`Reconstructor::frame`] does once it has
+    /// detected.
+    pub fn points_from(&self, telecentric: Detection, entocentric: Detection) -> Reconstruction {
+        let pairs = self.pair(&telecentric, &entocentric);
+        let points = self.points(&telecentric.features, &entocentric.features, &pairs);
+        self.account(telecentric, entocentric, &pairs, points)
     }
 
     /// The features of the band with a role.
@@ -187,9 +319,14 @@ impl Reconstructor {
         shading.fits(plane).then_some(shading)
     }
 
-    /// Turns pairs into points, and whatever is left into rejections.
-    fn locate(&self, telecentric: Detection, entocentric: Detection, pairs: &[Match]) -> Reconstruction {
-        let points = self.points(&telecentric.features, &entocentric.features, pairs);
+    /// Puts points together, and whatever is left into rejections.
+    fn account(
+        &self,
+        telecentric: Detection,
+        entocentric: Detection,
+        pairs: &[Match],
+        points: Vec<Option<Point>>,
+    ) -> Reconstruction {
         let mut fates = [&telecentric, &entocentric]
             .map(|detection| vec![Some(RejectionReason::NoPartner); detection.features.len()]);
         for (pair, point) in pairs.iter().zip(&points) {
@@ -222,15 +359,18 @@ impl Reconstructor {
             self.point([telecentric[pair.telecentric], entocentric[pair.entocentric]], pair, before, slopes)
         };
         let mut points: Vec<Option<Point>> = pairs.iter().map(|pair| point(pair, None, [0.0; 2])).collect();
-        if self.options.mode == Mode::Paper {
+        if self.options.mode != Mode::Centroid {
             return points;
         }
         for _ in 0..TILT_ROUNDS {
-            let known: Vec<Point> = points.iter().flatten().copied().collect();
-            let mut slopes = local_slopes(&known).into_iter();
+            let known: Vec<[f64; 3]> = points.iter().flatten().map(|point| point.position_mm).collect();
+            let mut slopes = local_slopes(&known, &known).into_iter();
             for (place, pair) in points.iter_mut().zip(pairs) {
                 if let Some(before) = place {
-                    *place = slopes.next().and_then(|slopes| point(pair, Some(before), slopes)).or(*place);
+                    *place = slopes
+                        .next()
+                        .and_then(|slopes| point(pair, Some(before), slopes.unwrap_or_default()))
+                        .or(*place);
                 }
             }
         }
@@ -253,13 +393,20 @@ impl Reconstructor {
         let diameter_mm = self.apparent_diameter_mm(&features, start_mm[2]) / foreshortening.sqrt();
         let position = match self.options.mode {
             Mode::Paper => paper_position(&self.instrument, &self.model, &measured),
-            Mode::Centroid => model_position(&self.model, &measured, &Disc { diameter_mm, slopes }, start_mm),
+            Mode::Centroid | Mode::Model => {
+                model_position(&self.model, &measured, &Disc { diameter_mm, slopes }, start_mm)
+            }
         }?;
-        let Position { position_mm, .. } = position;
+        let Position { position_mm, covariance_mm2 } = position;
+        let azimuth_std_px = features.iter().map(|f| f.centre_std_px[0].max(f.centre_std_px[1])).fold(0.0, f64::hypot);
         let finite = position_mm.iter().chain(&position.std_mm()).all(|value| value.is_finite());
         finite.then(|| Point {
             position_mm,
             std_mm: position.std_mm(),
+            covariance_mm2: std::array::from_fn(|i| std::array::from_fn(|k| covariance_mm2[(i, k)])),
+            match_chi2: (pair.azimuth_residual_px / azimuth_std_px.max(1e-9)).powi(2),
+            match_dof: 1,
+            pixel_chi2: None,
             gamma: measured.gamma(),
             telecentric: features[0],
             entocentric: features[1],

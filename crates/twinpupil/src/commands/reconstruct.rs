@@ -54,6 +54,8 @@ enum ModeOption {
     Paper,
     /// Cartesian centroids, and the instrument's forward model inverted
     Centroid,
+    /// The dots whose modelled light is the most likely one given every pixel
+    Model,
 }
 
 /// What `--json` prints.
@@ -142,11 +144,12 @@ fn reconstructor(args: &Args, loaded: &LoadedInstrument) -> Result<Reconstructor
     let mode = match args.mode {
         ModeOption::Paper => Mode::Paper,
         ModeOption::Centroid => Mode::Centroid,
+        ModeOption::Model => Mode::Model,
     };
     let detect = DetectOptions { polarity: args.polarity.polarity(), ..DetectOptions::default() };
     let table = match mode {
         Mode::Paper => None,
-        Mode::Centroid => Some(twinpupil_optics::response_table_for(&loaded.instrument)?),
+        Mode::Centroid | Mode::Model => Some(twinpupil_optics::response_table_for(&loaded.instrument)?),
     };
     let options = Options { mode, detect, ..Options::default() };
     Ok(Reconstructor::new(loaded.instrument.clone(), table, options).unmixing(&loaded.response_matrix()?))

@@ -64,7 +64,7 @@ impl Case {
         };
         let reading = match self.mode() {
             Mode::Paper => "paper's equations",
-            Mode::Centroid => "twinpupil",
+            Mode::Centroid | Mode::Model => "twinpupil",
         };
         [lens, reading]
     }

@@ -99,6 +99,10 @@ mod tests {
         Point {
             position_mm: [1.25, -7.5, 300.000001],
             std_mm: [0.0005, 0.001, f64::NAN],
+            covariance_mm2: [[0.0; 3]; 3],
+            match_chi2: 1.5,
+            match_dof: 1,
+            pixel_chi2: None,
             gamma: 1.013234567,
             telecentric: feature,
             entocentric: Feature { overlapped: true, ..feature },

@@ -1,0 +1,180 @@
+//! From first positions to the most likely ones.
+
+use nalgebra::{Matrix3, Matrix4};
+use twinpupil_instrument::{Instrument, PlaneView, ResponseTable};
+
+use crate::likelihood::body::{Body, OwnCentre};
+use crate::likelihood::joint::{BandView, Joint, Workspace};
+use crate::likelihood::pencil::Pencil;
+use crate::likelihood::spot::{Dot, Page};
+use crate::noise::Noise;
+use crate::slope::local_slopes;
+
+/// An instrument's forward model, ready to be compared with pixels.
+#[derive(Debug, Clone)]
+pub(crate) struct ForwardModel {
+    bands: Vec<BandModel>,
+    table: Option<ResponseTable>,
+}
+
+#[derive(Debug, Clone)]
+struct BandModel {
+    pencil: Pencil,
+    page: Page,
+    /// Index of the band in the instrument and in the table.
+    index: usize,
+}
+
+/// A dot as detection and matching know it.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Seed {
+    pub(crate) centre_mm: [f64; 3],
+    pub(crate) diameter_mm: f64,
+    /// Contrast in every band that shows it, codes.
+    pub(crate) contrast: Vec<Option<f64>>,
+    /// Whether its bands together tell its depth.
+    pub(crate) placed: bool,
+}
+
+/// A dot as its pixels know it.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Refined {
+    pub(crate) dot: Dot,
+    /// Of x, y, z and diameter, mm².
+    pub(crate) covariance_mm2: Matrix4<f64>,
+    /// What each band measures by itself.
+    pub(crate) centres: Vec<Option<OwnCentre>>,
+    /// χ² of all pixels over their number less that of the unknowns.
+    pub(crate) reduced_chi2: f64,
+    /// Excess of the residuals over the noise, relative to the contrast.
+    pub(crate) misfit: f64,
+    pub(crate) masked_px: usize,
+}
+
+impl Refined {
+    /// Of x, y and z, mm².
+    pub(crate) fn position_covariance_mm2(&self) -> Matrix3<f64> {
+        self.covariance_mm2.fixed_view::<3, 3>(0, 0).into_owned()
+    }
+}
+
+/// Depth of a dot that only one band shows is about that of the others, mm.
+const LONE_Z_STD_MM: f64 = 30.0;
+
+/// Rounds at most.
+const SWEEPS: usize = 10;
+
+/// Rounds before which the slopes of surfaces are found: from the first positions, and when they are settled again.
+const SLOPE_ROUNDS: [usize; 4] = [0, 3, 4, 5];
+
+impl ForwardModel {
+    /// The model of the bands of an instrument with these indices.
+    pub(crate) fn new(instrument: &Instrument, table: Option<&ResponseTable>, bands: &[usize]) -> Self {
+        let page = Page { axis_px: instrument.sensor.axis_px, pitch_mm: instrument.sensor.pitch_mm };
+        let band = |index: usize| {
+            let focal_length_mm = match table {
+                Some(table) => table.bands[index].focal_length_mm,
+                None => instrument.projection(&instrument.bands[index]).focal_length_mm,
+            };
+            let pencil = Pencil::of_band(instrument, &instrument.bands[index], focal_length_mm);
+            BandModel { pencil, page, index }
+        };
+        Self { bands: bands.iter().map(|index| band(*index)).collect(), table: table.cloned() }
+    }
+
+    /// The most likely dots, in the order of `seeds`; `None` where a seed led nowhere.
+    pub(crate) fn refine(
+        &self,
+        planes: &[(PlaneView<'_>, Noise)],
+        seeds: &[Seed],
+        background: &[f64],
+        workspace: &mut Workspace,
+    ) -> Vec<Option<Refined>> {
+        let aberrations: Vec<_> = self.bands.iter().map(|band| self.aberration_mm(band.index)).collect();
+        let views: Vec<BandView<'_>> = (self.bands.iter().zip(planes))
+            .zip(&aberrations)
+            .map(|((band, (plane, noise)), aberration_mm)| BandView {
+                plane: *plane,
+                noise: *noise,
+                page: band.page,
+                pencil: &band.pencil,
+                aberration_mm,
+            })
+            .collect();
+        let bodies = seeds.iter().map(|seed| body(seed, &views, background)).collect();
+        let mut joint = Joint { bands: &views, bodies };
+        for round in 0..SWEEPS {
+            if SLOPE_ROUNDS.contains(&round) {
+                set_slopes(&mut joint.bodies, seeds, round == 0);
+            }
+            joint.meet_neighbours(workspace);
+            joint.sweep(workspace);
+            if joint.bodies.iter().all(Body::rests) {
+                break;
+            }
+        }
+        (0..seeds.len()).map(|index| refined(&joint, index, workspace)).collect()
+    }
+
+    fn aberration_mm(&self, band: usize) -> impl Fn(f64, f64) -> f64 + Sync + '_ {
+        move |r_mm, z_mm| self.table.as_ref().map_or(0.0, |table| table.at(band, r_mm, z_mm).aberration_mm)
+    }
+}
+
+fn body(seed: &Seed, views: &[BandView<'_>], background: &[f64]) -> Body {
+    let dot = Dot { centre_mm: seed.centre_mm, diameter_mm: seed.diameter_mm, slopes: [0.0; 2] };
+    let lights = views.iter().zip(&seed.contrast).zip(background);
+    Body {
+        dot,
+        bands: lights.map(|((view, contrast), ground)| contrast.map(|c| view.light(&dot, c, *ground))).collect(),
+        z_prior_mm: (!seed.placed).then_some((seed.centre_mm[2], LONE_Z_STD_MM)),
+        information: Matrix4::zeros(),
+        step_sigmas: f64::INFINITY,
+        alive: true,
+        rounds: 0,
+        softened: false,
+    }
+}
+
+/// Gives every placed dot the slopes of the surface that its neighbours show; after the first round, only neighbours
+/// that have settled count.
+fn set_slopes(bodies: &mut [Body], seeds: &[Seed], first: bool) {
+    let places = |bodies: &[Body], all: bool| -> Vec<[f64; 3]> {
+        let counts = |(body, seed): &(&Body, &Seed)| seed.placed && body.alive && (all || body.is_settled());
+        bodies.iter().zip(seeds).filter(counts).map(|(body, _)| body.dot.centre_mm).collect()
+    };
+    let mut slopes = local_slopes(&places(bodies, first), &places(bodies, true)).into_iter();
+    for (body, _) in bodies.iter_mut().zip(seeds).filter(|(body, seed)| seed.placed && body.alive) {
+        body.dot.slopes = slopes.next().flatten().unwrap_or(body.dot.slopes);
+        // At first it is taken to face the camera, with the area of its foreshortened image.
+        if first {
+            body.dot.diameter_mm *= (1.0 + body.dot.slopes[0].powi(2) + body.dot.slopes[1].powi(2)).powf(0.25);
+        }
+    }
+}
+
+fn refined(joint: &Joint<'_>, index: usize, workspace: &mut Workspace) -> Option<Refined> {
+    let body = &joint.bodies[index];
+    if !body.alive {
+        return None;
+    }
+    let (used, masked_px, chi2) = body.fit_quality();
+    let unknowns = 4 + 2 * body.bands.iter().flatten().count();
+    let reduced_chi2 = chi2 / used.saturating_sub(unknowns).max(1) as f64;
+    let covariance_mm2 = joint.covariance(index, workspace)? * reduced_chi2.max(1.0);
+    let misfits = body.bands.iter().flatten().map(|light| {
+        let normal = &light.normal;
+        let excess = (normal.chi2 / normal.used.max(1) as f64 - 1.0).max(0.0);
+        // Information on the contrast over its pixels is the mean weight times the mean square of the light.
+        let contrast_sigmas2 = normal.information[(4, 4)] * light.contrast.powi(2) / normal.used.max(1) as f64;
+        (excess / contrast_sigmas2.max(1e-12)).sqrt()
+    });
+    Some(Refined {
+        dot: body.dot,
+        covariance_mm2,
+        centres: body.bands.iter().map(|light| light.as_ref().and_then(|light| light.own_centre())).collect(),
+        reduced_chi2,
+        misfit: misfits.fold(0.0, f64::max),
+        masked_px,
+    })
+}

@@ -1,0 +1,197 @@
+//! One dot as one band images it, in pixels of a plane's page.
+
+use crate::likelihood::pencil::{Edge, Pencil, Vector2};
+
+/// A flat round dot in space.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Dot {
+    pub(crate) centre_mm: [f64; 3],
+    pub(crate) diameter_mm: f64,
+    /// Slopes dz/dx and dz/dy of its surface.
+    pub(crate) slopes: Vector2,
+}
+
+/// The image of a dot: the unit disc, mapped by `p = centre + radius · shape e`, blurred by the pencil's disc.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Spot {
+    /// Centre on the page, px.
+    pub(crate) centre_px: Vector2,
+    /// Radius along the longest axis, px.
+    pub(crate) radius_px: f64,
+    /// Radius of the image of a point, px; negative where the image is turned against the pupil.
+    pub(crate) blur_px: f64,
+    /// Growth of the blur over the unit disc's first axis, relative to the blur.
+    pub(crate) blur_slope: f64,
+    /// From the unit disc to the image, over the radius.
+    pub(crate) shape: Matrix2,
+    pub(crate) inverse: Matrix2,
+    /// The ways through the masks, as [`Pencil::ways_at`] gives them.
+    pub(crate) ways: Vec<Vec<Edge>>,
+    /// Position on the page of the optical axis, px.
+    pub(crate) axis_px: Vector2,
+    pub(crate) pitch_mm: f64,
+}
+
+/// Rows of a 2×2 matrix.
+pub(crate) type Matrix2 = [[f64; 2]; 2];
+
+/// Where the sensor stands behind a band's pencils.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Page {
+    /// Position of the optical axis, px.
+    pub(crate) axis_px: Vector2,
+    pub(crate) pitch_mm: f64,
+}
+
+/// Change of a spot's centre, radius and blur with its dot's x, y, z and diameter.
+pub(crate) type SpotJacobian = nalgebra::Matrix4<f64>;
+
+/// Half-lit skirts reach this far beyond the blur's edge: half the diagonal of a pixel.
+const PIXEL_REACH_PX: f64 = 0.71;
+
+impl Spot {
+    /// The image of `dot`; `aberration_mm` is what the lens adds to its radius.
+    ///
+    /// On a sloping surface the disc is foreshortened along the steepest way and its two halves are imaged by different
+    /// magnifications. A central projection makes an ellipse of it, whose centre lies `m′ sinθ cosθ a²` beside the
+    /// image of the dot's.
+    pub(crate) fn of(dot: &Dot, pencil: &Pencil, page: Page, aberration_mm: f64) -> Self {
+        const DIFFERENCE_MM: f64 = 0.01;
+        let [x_mm, y_mm, z_mm] = dot.centre_mm;
+        let projection = &pencil.projection;
+        let magnification = projection.magnification(z_mm);
+        let change = |value: &dyn Fn(f64) -> f64| {
+            (value(z_mm + DIFFERENCE_MM) - value(z_mm - DIFFERENCE_MM)) / (2.0 * DIFFERENCE_MM)
+        };
+        let magnification_slope = change(&|z_mm| projection.magnification(z_mm)) / magnification;
+        let radius_mm = 0.5 * dot.diameter_mm;
+        let tilt = Tilt::of(dot.slopes);
+        let shape = tilt.shape([magnification_slope * x_mm, magnification_slope * y_mm]);
+        let radius_px = (magnification * radius_mm / page.pitch_mm).abs();
+        let image = projection.image(dot.centre_mm);
+        let outwards = aberration_mm / x_mm.hypot(y_mm).max(1e-9);
+        // In units of the radius along the first axis of the unit disc.
+        let off_centre = magnification_slope * tilt.sin * radius_mm * radius_px;
+        let centre_px = [
+            page.axis_px[0] + (image.x_mm + outwards * x_mm) / page.pitch_mm + off_centre * shape[0][0],
+            page.axis_px[1] + (image.y_mm + outwards * y_mm) / page.pitch_mm + off_centre * shape[1][0],
+        ];
+        let blur_mm = pencil.signed_blur_mm(z_mm);
+        let blur_change = change(&|z_mm| pencil.signed_blur_mm(z_mm)) * tilt.sin * radius_mm;
+        let blur_slope = if blur_mm == 0.0 { 0.0 } else { (blur_change / blur_mm).clamp(-0.9, 0.9) };
+        let mut spot = Self {
+            centre_px,
+            radius_px,
+            blur_px: blur_mm / page.pitch_mm,
+            blur_slope,
+            shape,
+            inverse: inverse(shape),
+            ways: Vec::new(),
+            axis_px: page.axis_px,
+            pitch_mm: page.pitch_mm,
+        };
+        spot.ways = pencil.ways_at(spot.image_mm(centre_px), spot.reach_px() * page.pitch_mm);
+        spot
+    }
+
+    /// Adds a blur.
+    pub(crate) fn soften(&mut self, blur_px: f64) {
+        self.blur_px = self.blur_px.hypot(blur_px).copysign(self.blur_px);
+    }
+
+    /// A position on the page in mm from the axis.
+    pub(crate) fn image_mm(&self, [u_px, v_px]: Vector2) -> Vector2 {
+        [(u_px - self.axis_px[0]) * self.pitch_mm, (v_px - self.axis_px[1]) * self.pitch_mm]
+    }
+
+    /// Distance from the centre beyond which no light of the dot falls, px.
+    pub(crate) fn reach_px(&self) -> f64 {
+        self.radius_px + self.blur_px.abs() * (1.0 + self.blur_slope.abs()) + PIXEL_REACH_PX
+    }
+
+    /// Distance from the centre within which every pixel sees nothing but the dot, px; 0 if none surely does.
+    pub(crate) fn full_px(&self) -> f64 {
+        if self.is_clipped() {
+            return 0.0;
+        }
+        let blur_px = self.blur_px.abs() * (1.0 + self.blur_slope.abs());
+        (self.radius_px * (1.0 - self.foreshortening()) - blur_px - PIXEL_REACH_PX).max(0.0)
+    }
+
+    /// How much shorter it is than it is long, relative to its length.
+    pub(crate) fn foreshortening(&self) -> f64 {
+        let [[a, b], [c, d]] = self.shape;
+        // Singular values s ≥ s′ of a 2×2 matrix: s² + s′² is the sum of its squares, s s′ its determinant.
+        let (squares, product) = (a * a + b * b + c * c + d * d, (a * d - b * c).abs());
+        let (sum, difference) = ((squares + 2.0 * product).sqrt(), (squares - 2.0 * product).max(0.0).sqrt());
+        if sum > 0.0 { 2.0 * difference / (sum + difference) } else { 0.0 }
+    }
+
+    /// Whether the masks take some of its light.
+    pub(crate) fn is_clipped(&self) -> bool {
+        self.ways.len() != 1 || !self.ways[0].is_empty()
+    }
+
+    /// Change of (u, v, radius, blur) of the image of `dot`, px, with (x, y, z, diameter), mm.
+    pub(crate) fn jacobian(
+        dot: &Dot,
+        pencil: &Pencil,
+        page: Page,
+        aberration_mm: &dyn Fn(f64, f64) -> f64,
+    ) -> SpotJacobian {
+        const STEPS_MM: [f64; 4] = [1e-3, 1e-3, 1e-2, 1e-3];
+        let local = |axis: usize, sign: f64| {
+            let mut moved = *dot;
+            match axis {
+                3 => moved.diameter_mm += sign * STEPS_MM[axis],
+                _ => moved.centre_mm[axis] += sign * STEPS_MM[axis],
+            }
+            let [x_mm, y_mm, z_mm] = moved.centre_mm;
+            let image = pencil.projection.image(moved.centre_mm);
+            let r_mm = x_mm.hypot(y_mm).max(1e-9);
+            let outwards = aberration_mm(r_mm, z_mm) / r_mm;
+            let radius_mm = 0.5 * moved.diameter_mm * pencil.projection.magnification(z_mm).abs();
+            [image.x_mm + outwards * x_mm, image.y_mm + outwards * y_mm, radius_mm, pencil.signed_blur_mm(z_mm)]
+        };
+        let mut jacobian = SpotJacobian::zeros();
+        for (axis, step_mm) in STEPS_MM.into_iter().enumerate() {
+            let (ahead, behind) = (local(axis, 1.0), local(axis, -1.0));
+            for row in 0..4 {
+                jacobian[(row, axis)] = (ahead[row] - behind[row]) / (2.0 * step_mm * page.pitch_mm);
+            }
+        }
+        jacobian
+    }
+}
+
+/// How a surface is tilted.
+struct Tilt {
+    /// Unit vector along the steepest slope.
+    steepest: Vector2,
+    sin: f64,
+    cos: f64,
+}
+
+impl Tilt {
+    fn of([sx, sy]: Vector2) -> Self {
+        let slope = sx.hypot(sy);
+        let cos = 1.0 / 1.0_f64.hypot(slope);
+        let steepest = if slope > 0.0 { [sx / slope, sy / slope] } else { [1.0, 0.0] };
+        Self { steepest, sin: slope * cos, cos }
+    }
+
+    /// `R diag(cosθ, 1) + (m′/m) x ⊗ (sinθ, 0)`: foreshortening along the first axis, and what the change of
+    /// magnification with depth adds to it.
+    fn shape(&self, magnified: Vector2) -> Matrix2 {
+        let [ux, uy] = self.steepest;
+        [[ux * self.cos + magnified[0] * self.sin, -uy], [uy * self.cos + magnified[1] * self.sin, ux]]
+    }
+}
+
+/// Inverse of a matrix; a surface seen edge on counts as nearly so.
+fn inverse([[a, b], [c, d]]: Matrix2) -> Matrix2 {
+    const FLATTEST: f64 = 1e-3;
+    let determinant = a * d - b * c;
+    let determinant = if determinant.abs() < FLATTEST { FLATTEST.copysign(determinant) } else { determinant };
+    [[d / determinant, -b / determinant], [-c / determinant, a / determinant]]
+}
