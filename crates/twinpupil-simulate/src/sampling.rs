@@ -14,8 +14,16 @@ const GOLDEN_RATIO: f64 = 1.618_033_988_749_895;
 /// One set of samples, as structure of arrays.
 ///
 /// Pupil points are the florets of a sunflower, which divide the disc into cells of equal area and much the same
-/// shape:  r = √((i + ½)/N), φ = i · golden angle.  H. Vogel, "A better way to construct the sunflower head",
+/// shape:  r² = u = (i + ½)/N, φ = i · golden angle.  H. Vogel, "A better way to construct the sunflower head",
 /// Mathematical Biosciences 44, 179 (1979).
+///
+/// Dots are blurred by those cells ([`Disc`](crate::disc::Disc)), and those of the outermost points reach beyond the
+/// disc: without more, the light of a dot out of focus would be too wide, by 0.2 % at 256 points. So the outermost
+/// points are drawn in, such that points and cells together have the second moment of the disc:
+///
+/// ```text
+/// r² = u − κ uᵖ      p = 1/cell,  κ = (p + 1) cell²/6
+/// ```
 ///
 /// Places in the pixel are Owen-scrambled Sobol' points.  B. Burley, "Practical hash-based Owen scrambling", Journal
 /// of Computer Graphics Techniques 9(4), 1 (2020). Every stretch of such a sequence is even by itself, so every ring of
@@ -56,7 +64,7 @@ impl SampleSet {
         let golden_angle_rad = TAU * (1.0 - 1.0 / GOLDEN_RATIO);
         let turn_rad = TAU * set as f64 / SETS as f64;
         let floret = |index: usize| {
-            let radius = ((index as f64 + 0.5) / count as f64).sqrt();
+            let radius = drawn_in((index as f64 + 0.5) / count as f64, count).sqrt();
             let (sin, cos) = (index as f64 * golden_angle_rad + turn_rad).sin_cos();
             (radius * cos, radius * sin)
         };
@@ -72,6 +80,13 @@ impl SampleSet {
 /// Width of the cell of each of `count` points of the unit disc: the side of a square of its area.
 pub(crate) fn pupil_cell(count: usize) -> f64 {
     (std::f64::consts::PI / count as f64).sqrt()
+}
+
+/// Square of a point's radius, for a share `u` of the disc within it.
+fn drawn_in(u: f64, count: usize) -> f64 {
+    let cell = pupil_cell(count);
+    let power = 1.0 / cell;
+    (u - (power + 1.0) * cell * cell / 6.0 * u.powf(power)).max(0.0)
 }
 
 /// Scatters the bits of `value`: the output step of SplitMix64.
@@ -92,8 +107,10 @@ mod tests {
         for set in &bank.sets {
             let points = || set.pupil_x.iter().zip(&set.pupil_y);
             let moment = |power: i32| points().map(|(x, y)| x.hypot(*y).powi(power)).sum::<f64>() / 256.0;
-            // The means of r² and r⁴ over the unit disc are 1/2 and 1/3.
-            assert!((moment(2) - 0.5).abs() < 1e-12 && (moment(4) - 1.0 / 3.0).abs() < 1e-5);
+            // The means of r² and r⁴ over the unit disc are 1/2 and 1/3; a cell adds cell²/6 and 4 · cell²/12 to them.
+            let cell2 = pupil_cell(256).powi(2);
+            let (second, fourth) = (moment(2) + cell2 / 6.0, moment(4) + cell2 / 3.0);
+            assert!((second - 0.5).abs() < 2e-5 && (fourth - 1.0 / 3.0).abs() < 1e-3, "{second} {fourth}");
             let (x, y): (f64, f64) = points().fold((0.0, 0.0), |(x, y), point| (x + point.0, y + point.1));
             assert!(x.hypot(y) / 256.0 < 3e-3, "{x} {y}");
             let wedges = |from_rad: f64| points().filter(move |(x, y)| (y.atan2(**x) - from_rad).rem_euclid(TAU) < 1.0);

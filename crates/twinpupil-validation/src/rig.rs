@@ -10,7 +10,7 @@ use twinpupil_simulate::{DotSpec, Scene, SceneSpec, SimulateOptions, simulate};
 pub struct Rig {
     /// The camera.
     pub instrument: Instrument,
-    response: ResponseMatrix,
+    pub(crate) response: ResponseMatrix,
     reconstructor: Reconstructor,
 }
 

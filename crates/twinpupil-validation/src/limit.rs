@@ -1,0 +1,180 @@
+//! Errors beside the Cramér–Rao bound of the very frames on which they were made.
+
+use std::time::{Duration, Instant};
+
+use twinpupil_instrument::{Instrument, Lens, Mosaic, paper};
+use twinpupil_reconstruct::{FitPoint, LineAxis, Mode, fit_line};
+use twinpupil_simulate::{Scene, SceneSpec, dot_bounds};
+
+use crate::plates::Pose;
+use crate::rig::{Rig, nearest};
+
+/// Rays for every pixel of the frames and of their bounds.
+const PUPIL_SAMPLES: usize = 256;
+
+/// Points farther from every dot than this, across the axis in mm or in depth in mm, are false.
+const FALSE_MM: [f64; 2] = [0.3, 5.0];
+
+/// A camera of which the noise limit is known.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Camera {
+    /// Every pixel sees both bands.
+    Rgb,
+    /// The paper's mosaic.
+    Rggb,
+    /// Every pixel sees both bands, through a lens of 100.64 mm in red and 98.19 mm in blue: PMMA's dispersion.
+    Dispersive,
+}
+
+impl Camera {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Rgb, Self::Rggb, Self::Dispersive];
+
+    /// The instrument: the paper's, but for what the name says.
+    pub fn instrument(self) -> Instrument {
+        let mut spec = paper::instrument().into_spec();
+        if self != Self::Rggb {
+            spec.sensor.mosaic = Mosaic::Rgb;
+        }
+        if let (Self::Dispersive, Lens::Thin(lens)) = (self, &mut spec.lens) {
+            lens.focal_length_mm_by_band = [("red".to_owned(), 100.64), ("blue".to_owned(), 98.19)].into();
+        }
+        Instrument::new(spec).expect("the paper's instrument, varied within its range")
+    }
+}
+
+/// How the dots of one or more frames were found, and how well.
+#[derive(Debug, Clone, Default)]
+pub struct Score {
+    /// Dots wholly on the sensor, from r = 2 on.
+    pub whole: usize,
+    /// Their errors of z, mm, with the deviation that was reported and the bound; those that were not found are missing.
+    pub found: Vec<Error>,
+    /// Points that belong to no dot.
+    pub false_points: usize,
+    /// Root mean square of error over reported deviation, frame by frame.
+    pub pulls: Vec<f64>,
+    /// Error of the fitted tilt, degrees, and R² of the fit, frame by frame.
+    pub tilts: Vec<[f64; 2]>,
+    /// Time to reconstruct, frame by frame.
+    pub times: Vec<Duration>,
+}
+
+/// An error of z beside what was to be expected, mm.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Error {
+    /// Found less true.
+    pub error_mm: f64,
+    /// Deviation that was reported with the point.
+    pub std_mm: f64,
+    /// Cramér–Rao bound of the dot.
+    pub bound_mm: f64,
+    /// True position of the dot.
+    pub centre_mm: [f64; 3],
+}
+
+impl Score {
+    /// Scores one frame of a scene: its noise from `seed`.
+    ///
+    /// # Panics
+    /// If the scene cannot be simulated.
+    pub fn of(rig: &Rig, scene: &Scene, seed: u64) -> Self {
+        const R_MIN_MM: f64 = 2.0;
+        let bounds = dot_bounds(&rig.instrument, scene, &rig.response, PUPIL_SAMPLES).expect("the scene can be seen");
+        let frame = rig.frame(scene, Some(seed));
+        let start = Instant::now();
+        let points = rig.points(&frame);
+        let mut score = Self { times: vec![start.elapsed()], ..Self::default() };
+        for (dot, bound) in scene.dots().iter().zip(&bounds) {
+            let Some(bound) = bound.filter(|_| dot.centre_mm[0].hypot(dot.centre_mm[1]) >= R_MIN_MM) else { continue };
+            score.whole += 1;
+            let point = nearest(&points, dot.centre_mm).filter(|point| is_near(point.position_mm, dot.centre_mm));
+            score.found.extend(point.map(|point| Error {
+                error_mm: point.position_mm[2] - dot.centre_mm[2],
+                std_mm: point.std_mm[2],
+                bound_mm: bound.std_mm()[2],
+                centre_mm: dot.centre_mm,
+            }));
+        }
+        score.pulls.push(score.error_over_std());
+        score.false_points = points
+            .iter()
+            .filter(|point| !scene.dots().iter().any(|dot| is_near(point.position_mm, dot.centre_mm)))
+            .count();
+        if let Some(plate) = scene.spec().plate.as_ref().filter(|plate| plate.tilt_deg != 0.0) {
+            let points: Vec<FitPoint> = points
+                .iter()
+                .map(|point| FitPoint { position_mm: point.position_mm, z_std_mm: Some(point.std_mm[2]) })
+                .collect();
+            if let Ok(fit) = fit_line(&points, LineAxis::X) {
+                score.tilts.push([fit.tilt_rad.value.to_degrees() - plate.tilt_deg, fit.quality.r_squared]);
+            }
+        }
+        score
+    }
+
+    /// Adds another frame's score.
+    pub fn merge(&mut self, other: Self) {
+        self.whole += other.whole;
+        self.found.extend(other.found);
+        self.false_points += other.false_points;
+        self.pulls.extend(other.pulls);
+        self.tilts.extend(other.tilts);
+        self.times.extend(other.times);
+    }
+
+    /// Share of the dots that were found.
+    pub fn recall(&self) -> f64 {
+        self.found.len() as f64 / self.whole.max(1) as f64
+    }
+
+    /// Root mean square error of z, mm.
+    pub fn rms_mm(&self) -> f64 {
+        rms(self.found.iter().map(|e| e.error_mm))
+    }
+
+    /// Root mean square bound of z, mm.
+    pub fn bound_mm(&self) -> f64 {
+        rms(self.found.iter().map(|e| e.bound_mm))
+    }
+
+    /// Root mean square of every error over its dot's own bound.
+    pub fn error_over_bound(&self) -> f64 {
+        rms(self.found.iter().map(|e| e.error_mm / e.bound_mm))
+    }
+
+    /// Root mean square of every error over the deviation that was reported with it.
+    pub fn error_over_std(&self) -> f64 {
+        rms(self.found.iter().map(|e| e.error_mm / e.std_mm))
+    }
+
+    /// Median time to reconstruct a frame.
+    pub fn time(&self) -> Duration {
+        let mut times = self.times.clone();
+        times.sort();
+        times.get(times.len() / 2).copied().unwrap_or_default()
+    }
+}
+
+/// The paper's plate in a pose, as bright as `brightness_e`.
+///
+/// # Panics
+/// If the brightness is not legal.
+pub fn plate(pose: Pose, brightness_e: f64, seed: u64) -> Scene {
+    Scene::new(SceneSpec { brightness_e, ..pose.scene(seed).spec().clone() }).expect("the paper's plate")
+}
+
+/// A rig that reads frames of a camera by its forward model.
+pub fn model_rig(camera: Camera) -> Rig {
+    Rig::new(camera.instrument(), Mode::Model)
+}
+
+fn is_near(position_mm: [f64; 3], centre_mm: [f64; 3]) -> bool {
+    let across_mm = (position_mm[0] - centre_mm[0]).hypot(position_mm[1] - centre_mm[1]);
+    across_mm < FALSE_MM[0] && (position_mm[2] - centre_mm[2]).abs() < FALSE_MM[1]
+}
+
+fn rms(values: impl ExactSizeIterator<Item = f64>) -> f64 {
+    let count = values.len().max(1) as f64;
+    (values.map(|value| value * value).sum::<f64>() / count).sqrt()
+}
