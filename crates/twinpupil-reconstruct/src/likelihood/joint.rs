@@ -3,10 +3,12 @@
 use nalgebra::{Matrix4, SMatrix};
 use twinpupil_instrument::PlaneView;
 
+use crate::likelihood::black::Black;
 use crate::likelihood::body::{BandLight, Body};
+use crate::likelihood::light::{Light, Places};
 use crate::likelihood::normal::{Lines, Normal, UNKNOWNS, dot};
 use crate::likelihood::pencil::Pencil;
-use crate::likelihood::row::{Pixels, Row};
+use crate::likelihood::samples::{Rings, Samples};
 use crate::likelihood::spot::{Dot, Page, Spot};
 use crate::noise::Noise;
 
@@ -14,20 +16,31 @@ use crate::noise::Noise;
 pub(crate) struct BandView<'a> {
     pub(crate) plane: PlaneView<'a>,
     pub(crate) noise: Noise,
+    pub(crate) black: Black,
     pub(crate) page: Page,
     pub(crate) pencil: &'a Pencil,
     /// What the lens adds to the radius of an image, over (r, z), mm.
     pub(crate) aberration_mm: &'a (dyn Fn(f64, f64) -> f64 + Sync),
 }
 
-/// Buffers that are used again from row to row.
+/// Buffers that are used again from spot to spot.
 #[derive(Debug, Default)]
 pub(crate) struct Workspace {
-    codes: Vec<f32>,
-    row: Row,
-    other: Row,
+    samples: Samples,
+    own: Light,
+    /// Light of others on the samples.
+    others: Vec<f32>,
+    near: Near,
     lines: Lines,
     neighbours: Vec<Vec<u32>>,
+}
+
+/// The samples that one neighbour reaches, and its light there.
+#[derive(Debug, Default)]
+struct Near {
+    index: Vec<u32>,
+    places: Places,
+    light: Light,
 }
 
 /// Ground about a spot that is fitted along with it: this share of its radius, and at least so many pixels of the plane.
@@ -37,36 +50,13 @@ const MARGIN_SAMPLES: f64 = 2.0;
 /// Residuals beyond so many standard deviations belong to something else, once the fit is near.
 const FOREIGN_SIGMAS: f32 = 6.0;
 
-/// How a row is read.
+/// How pixels are compared with the model.
 #[derive(Debug, Clone, Copy)]
 struct Asked {
     /// Whether the blur tells something of depth.
     feel_blur: bool,
     /// Largest square of a residual over its variance that counts.
     limit: f32,
-    /// Whether the dot fills all of its pixels, so that only its brightness matters.
-    full: bool,
-}
-
-/// A span of pixels of a plane's row.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Span {
-    first: usize,
-    count: usize,
-}
-
-impl Span {
-    /// The part before a column.
-    fn until(self, column: usize) -> Self {
-        Self { count: column.saturating_sub(self.first).min(self.count), ..self }
-    }
-
-    /// The part from a column on.
-    fn from(self, column: usize) -> Self {
-        let end = self.first + self.count;
-        let first = column.clamp(self.first, end);
-        Self { first, count: end - first }
-    }
 }
 
 impl BandView<'_> {
@@ -89,47 +79,44 @@ impl BandView<'_> {
         }
     }
 
-    /// Rows of the plane within a distance of a centre.
-    fn rows(&self, v_px: f64, radius_px: f64) -> std::ops::Range<usize> {
-        let (origin, step) = (self.plane.origin_px[1] as f64, self.plane.step_px as f64);
-        let first = ((v_px - radius_px - origin) / step).ceil().clamp(0.0, self.plane.rows as f64);
-        let end = ((v_px + radius_px - origin) / step).floor() + 1.0;
-        first as usize..(end.clamp(0.0, self.plane.rows as f64) as usize).max(first as usize)
-    }
-
-    /// Columns of a row within a circle.
-    fn span(&self, row: usize, [u_px, v_px]: [f64; 2], radius_px: f64) -> Option<Span> {
-        let off_px = self.plane.frame_v_px(row as f64) - v_px;
-        let half_px = (radius_px * radius_px - off_px * off_px).max(0.0).sqrt();
-        let (origin, step) = (self.plane.origin_px[0] as f64, self.plane.step_px as f64);
-        let first = ((u_px - half_px - origin) / step).ceil().clamp(0.0, self.plane.columns as f64) as usize;
-        let end = ((u_px + half_px - origin) / step).floor() + 1.0;
-        let end = end.clamp(0.0, self.plane.columns as f64) as usize;
-        (end > first).then(|| Span { first, count: end - first })
-    }
-
-    /// Whether a row passes a spot's centre at less than a distance.
-    fn crosses(&self, row: usize, light: &BandLight, radius_px: f64) -> bool {
-        (self.plane.frame_v_px(row as f64) - light.spot.centre_px[1]).abs() < radius_px
-    }
-
-    fn pixels(&self, row: usize, span: Span) -> Pixels {
-        Pixels {
-            u_px: self.plane.frame_u_px(span.first as f64),
-            v_px: self.plane.frame_v_px(row as f64),
-            step_px: self.plane.step_px as f64,
-            count: span.count,
+    /// Turns light, in `lines.residual`, into weights and residuals, and derivatives of light into those of codes.
+    fn compare(&self, codes: &[f32], asked: Asked, unknowns: std::ops::Range<usize>, lines: &mut Lines) {
+        let saturated = f32::from(self.plane.code_max);
+        let black_level = self.noise.black_level as f32;
+        let (floor, slope) = (self.noise.floor_codes2 as f32, self.noise.slope_codes as f32);
+        let Lines { jacobian, weight, residual, .. } = lines;
+        let mut dark = false;
+        for ((code, weight), residual) in codes.iter().zip(&mut *weight).zip(&mut *residual) {
+            dark |= *residual < self.black.light_max;
+            let trust = 1.0 / (floor + slope * residual.max(0.0));
+            let left = code - black_level - *residual;
+            let out = (*code >= saturated) | (left * left * trust > asked.limit);
+            *weight = if out { 0.0 } else { trust };
+            *residual = left;
+        }
+        if !dark {
+            return;
+        }
+        for k in 0..codes.len() {
+            let read = codes[k] - black_level;
+            let light = read - residual[k];
+            if light < self.black.light_max && codes[k] < saturated {
+                let reading = self.black.read(light);
+                let left = read - reading.mean;
+                weight[k] = if left * left * reading.trust > asked.limit { 0.0 } else { reading.trust };
+                residual[k] = left;
+                for unknown in unknowns.clone() {
+                    jacobian[unknown][k] *= reading.slope;
+                }
+            }
         }
     }
 }
 
 impl BandLight {
-    /// Illumination relative to the centre's at the first pixel of a row, and its growth from pixel to pixel.
-    fn illumination(&self, pixels: &Pixels) -> (f32, f32) {
-        let [gu, gv] = self.illumination_slope;
-        let [u_px, v_px] = self.spot.centre_px;
-        let first = 1.0 + gu * (pixels.u_px - u_px) + gv * (pixels.v_px - v_px);
-        (first as f32, (gu * pixels.step_px) as f32)
+    /// Growth of the illumination along u and v, per px.
+    fn growth(&self) -> [f32; 2] {
+        self.illumination_slope.map(|slope| slope as f32)
     }
 }
 
@@ -207,30 +194,24 @@ impl Joint<'_> {
     fn measure(&mut self, index: usize, band: usize, mask_foreign: bool, feel_blur: bool, workspace: &mut Workspace) {
         let Some(light) = &self.bodies[index].bands[band] else { return };
         let view = &self.bands[band];
-        let radius_px = self.window_px(band, &light.spot);
-        let mut normal = Normal::default();
         let limit = if mask_foreign { FOREIGN_SIGMAS * FOREIGN_SIGMAS } else { f32::INFINITY };
-        let asked = Asked { feel_blur, limit, full: false };
-        let full_px = light.spot.full_px();
-        for row in view.rows(light.spot.centre_px[1], radius_px) {
-            let Some(span) = view.span(row, light.spot.centre_px, radius_px) else { continue };
-            // Where the dot fills the pixels, they tell of its light alone.
-            let full = view.span(row, light.spot.centre_px, full_px).filter(|_| view.crosses(row, light, full_px));
-            let (left, right) = match full {
-                Some(full) => (span.until(full.first), span.from(full.first + full.count)),
-                None => (span, Span { first: 0, count: 0 }),
-            };
-            for part in [left, right] {
-                if part.count > 0 {
-                    self.read_row(index, band, row, part, asked, workspace);
-                    normal.add(&mut workspace.lines);
-                }
-            }
-            if let Some(full) = full {
-                self.read_row(index, band, row, full, Asked { full: true, ..asked }, workspace);
-                normal.add_full(&mut workspace.lines);
-            }
+        let asked = Asked { feel_blur, limit };
+        let rings = self.rings(index, band, light, workspace);
+        workspace.samples.gather(&view.plane, &rings);
+        let mut normal = Normal::default();
+        self.compare_edge(index, band, asked, workspace);
+        normal.add(&mut workspace.lines);
+        let Workspace { samples, lines, .. } = workspace;
+        let Samples { full_places, full_codes, .. } = samples;
+        lines.resize(full_codes.len());
+        let ([gu, gv], level) = (light.growth(), (light.contrast + light.background) as f32);
+        for k in 0..full_codes.len() {
+            let lit = 1.0 + gu * full_places.du[k] + gv * full_places.dv[k];
+            lines.jacobian[5][k] = lit;
+            lines.residual[k] = level * lit;
         }
+        view.compare(full_codes, asked, 5..6, lines);
+        normal.add_full(lines);
         normal.complete();
         if let Some(light) = &mut self.bodies[index].bands[band] {
             light.shape = normal.shape();
@@ -238,73 +219,62 @@ impl Joint<'_> {
         }
     }
 
-    /// Derivatives, weights and residuals of a body's model along a row.
-    fn read_row(&self, index: usize, band: usize, row: usize, span: Span, asked: Asked, workspace: &mut Workspace) {
-        let view = &self.bands[band];
-        let Some(light) = &self.bodies[index].bands[band] else { return };
-        let pixels = view.pixels(row, span);
-        let Workspace { codes, row: own, other, lines, neighbours } = workspace;
-        codes.resize(span.count, 0.0);
-        view.plane.read_span(row, span.first, codes);
-        lines.resize(span.count);
-        if !asked.full {
-            own.fill(&light.spot, &pixels);
-        }
-        let saturated = f32::from(view.plane.code_max);
-        let black = view.noise.black_level as f32;
-        // `residual` first holds the light of the others, then that of all.
-        lines.residual.fill(0.0);
-        for &neighbour in &neighbours[index * self.bands.len() + band] {
-            self.add_light(neighbour as usize, band, row, span, other, &mut lines.residual);
-        }
-        let (first, growth) = light.illumination(&pixels);
-        let (contrast, background) = (light.contrast as f32, light.background as f32);
-        // An added blur tells nothing of depth.
-        let with_blur = if asked.feel_blur { contrast } else { 0.0 };
-        let (floor, slope) = (view.noise.floor_codes2 as f32, view.noise.slope_codes as f32);
-        let Lines { jacobian, weight, residual, .. } = lines;
-        if asked.full {
-            for k in 0..span.count {
-                jacobian[5][k] = first + growth * k as f32;
-                residual[k] += (contrast + background) * jacobian[5][k];
-            }
-        } else {
-            for k in 0..span.count {
-                let lit = first + growth * k as f32;
-                let scale = contrast * lit;
-                jacobian[0][k] = scale * own.with_u[k];
-                jacobian[1][k] = scale * own.with_v[k];
-                jacobian[2][k] = scale * own.with_radius[k];
-                jacobian[3][k] = with_blur * lit * own.with_blur[k];
-                jacobian[4][k] = lit * own.light[k];
-                jacobian[5][k] = lit * own.open[k];
-                residual[k] += contrast * jacobian[4][k] + background * jacobian[5][k];
-            }
-        }
-        for k in 0..span.count {
-            let trust = 1.0 / (floor + slope * residual[k].max(0.0));
-            let left = codes[k] - black - residual[k];
-            let out = (codes[k] >= saturated) | (left * left * trust > asked.limit);
-            weight[k] = if out { 0.0 } else { trust };
-            residual[k] = left;
+    /// The window about a spot, and the part of it that the spot fills and no other reaches.
+    fn rings(&self, index: usize, band: usize, light: &BandLight, workspace: &Workspace) -> Rings {
+        let [u_px, v_px] = light.spot.centre_px;
+        let gap_px = |neighbour: &u32| {
+            let spot = &self.bodies[*neighbour as usize].bands[band].as_ref()?.spot;
+            Some((spot.centre_px[0] - u_px).hypot(spot.centre_px[1] - v_px) - spot.reach_px())
+        };
+        let gaps_px = workspace.neighbours[index * self.bands.len() + band].iter().filter_map(gap_px);
+        Rings {
+            centre_px: light.spot.centre_px,
+            window_px: self.window_px(band, &light.spot),
+            full_px: gaps_px.fold(light.spot.full_px(), f64::min).max(0.0),
         }
     }
 
-    /// Adds the light of a body to the pixels of a row that it reaches.
-    fn add_light(&self, index: usize, band: usize, row: usize, span: Span, buffer: &mut Row, sum: &mut [f32]) {
-        let view = &self.bands[band];
+    /// Derivatives, weights and residuals of the samples about a spot that it does not fill.
+    fn compare_edge(&self, index: usize, band: usize, asked: Asked, workspace: &mut Workspace) {
         let Some(light) = &self.bodies[index].bands[band] else { return };
-        let Some(own) = view.span(row, light.spot.centre_px, light.spot.reach_px()) else { return };
-        let (first, end) = (own.first.max(span.first), (own.first + own.count).min(span.first + span.count));
-        if end <= first {
-            return;
+        self.light_of_others(index, band, &light.spot, workspace);
+        let Workspace { samples: Samples { places, codes, .. }, own, others, lines, .. } = workspace;
+        own.fill(&light.spot, places);
+        let count = places.len();
+        lines.resize(count);
+        let [gu, gv] = light.growth();
+        let (contrast, background) = (light.contrast as f32, light.background as f32);
+        // An added blur tells nothing of depth.
+        let with_blur = if asked.feel_blur { contrast } else { 0.0 };
+        let Lines { jacobian: [to_u, to_v, to_radius, to_blur, to_contrast, to_ground], residual, .. } = lines;
+        let (du, dv) = (&places.du[..count], &places.dv[..count]);
+        for k in 0..count {
+            let lit = 1.0 + gu * du[k] + gv * dv[k];
+            let scale = contrast * lit;
+            to_u[k] = scale * own.with_u[k];
+            to_v[k] = scale * own.with_v[k];
+            to_radius[k] = scale * own.with_radius[k];
+            to_blur[k] = with_blur * lit * own.with_blur[k];
+            to_contrast[k] = lit * own.light[k];
+            to_ground[k] = lit * own.open[k];
+            residual[k] = others[k] + contrast * to_contrast[k] + background * to_ground[k];
         }
-        let pixels = view.pixels(row, Span { first, count: end - first });
-        buffer.fill(&light.spot, &pixels);
-        let (illumination, growth) = light.illumination(&pixels);
-        let contrast = light.contrast as f32;
-        for (k, (sum, light)) in sum[first - span.first..].iter_mut().zip(&buffer.light).enumerate() {
-            *sum += contrast * (illumination + growth * k as f32) * light;
+        self.bands[band].compare(codes, asked, 0..UNKNOWNS, lines);
+    }
+
+    /// Light of the neighbours of a spot on its samples.
+    fn light_of_others(&self, index: usize, band: usize, spot: &Spot, workspace: &mut Workspace) {
+        let Workspace { samples, others, near, neighbours, .. } = workspace;
+        others.clear();
+        others.resize(samples.places.len(), 0.0);
+        for &neighbour in &neighbours[index * self.bands.len() + band] {
+            let Some(light) = &self.bodies[neighbour as usize].bands[band] else { continue };
+            near.find(&light.spot, spot, &samples.places);
+            let ([gu, gv], contrast) = (light.growth(), light.contrast as f32);
+            for (k, sample) in near.index.iter().enumerate() {
+                let lit = 1.0 + gu * near.places.du[k] + gv * near.places.dv[k];
+                others[*sample as usize] += contrast * lit * near.light.light[k];
+            }
         }
     }
 
@@ -316,78 +286,72 @@ impl Joint<'_> {
         let (mut information, _) = body.equations();
         for (band, light) in body.bands.iter().enumerate() {
             let Some(light) = light else { continue };
-            let neighbours = workspace.neighbours[index * self.bands.len() + band].clone();
-            for neighbour in neighbours {
-                let Some(other) = &self.bodies[neighbour as usize].bands[band] else { continue };
-                let Some(shared) = self.shared(index, neighbour as usize, band, workspace) else { continue };
-                // The neighbour's blur follows from its depth, which its other band tells.
-                let own = other.normal.information;
-                let known = own.remove_row(3).remove_column(3);
-                let Some(inverse) = known.try_inverse() else { continue };
-                let lost = shared * inverse * shared.transpose();
-                let lost = self.without_light(light, &lost);
-                information -= light.jacobian.transpose() * lost * light.jacobian;
+            let neighbours = std::mem::take(&mut workspace.neighbours[index * self.bands.len() + band]);
+            if !neighbours.is_empty() {
+                let rings = Rings { full_px: 0.0, ..self.rings(index, band, light, workspace) };
+                workspace.samples.gather(&self.bands[band].plane, &rings);
+                self.compare_edge(index, band, Asked { feel_blur: true, limit: f32::INFINITY }, workspace);
             }
+            let mut lost = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::zeros();
+            for &neighbour in &neighbours {
+                let Some(other) = &self.bodies[neighbour as usize].bands[band] else { continue };
+                // The neighbour's blur follows from its depth, which its other band tells.
+                let known = other.normal.information.remove_row(3).remove_column(3);
+                let Some(inverse) = known.try_inverse() else { continue };
+                let shared = shared(light, other, workspace);
+                lost += shared * inverse * shared.transpose();
+            }
+            workspace.neighbours[index * self.bands.len() + band] = neighbours;
+            information -= light.jacobian.transpose() * without_light(light, &lost) * light.jacobian;
         }
         information.try_inverse().filter(|covariance| covariance.diagonal().iter().all(|variance| *variance > 0.0))
     }
+}
 
-    /// What a loss of information on all six unknowns of a spot costs its shape, contrast and background free.
-    fn without_light(&self, light: &BandLight, lost: &SMatrix<f64, 6, 6>) -> Matrix4<f64> {
-        let reduced = Normal { information: light.normal.information - lost, ..light.normal };
-        match (light.shape, reduced.shape()) {
-            (Some(before), Some(after)) => before.information - after.information,
-            _ => Matrix4::zeros(),
-        }
-    }
-
-    /// `JᵀWJ′` between the unknowns of two spots (of the other: u, v, radius, contrast, background).
-    fn shared(
-        &self,
-        index: usize,
-        neighbour: usize,
-        band: usize,
-        workspace: &mut Workspace,
-    ) -> Option<SMatrix<f64, UNKNOWNS, 5>> {
-        let view = &self.bands[band];
-        let (own, other) = (self.bodies[index].bands[band].as_ref()?, self.bodies[neighbour].bands[band].as_ref()?);
-        let (radius_px, other_px) = (self.window_px(band, &own.spot), other.spot.reach_px());
-        let mut shared = SMatrix::<f64, UNKNOWNS, 5>::zeros();
-        let mut row_buffer = Row::default();
-        let contrast = other.contrast as f32;
-        for row in view.rows(own.spot.centre_px[1], radius_px) {
-            let (Some(a), Some(b)) =
-                (view.span(row, own.spot.centre_px, radius_px), view.span(row, other.spot.centre_px, other_px))
-            else {
-                continue;
-            };
-            let (first, end) = (a.first.max(b.first), (a.first + a.count).min(b.first + b.count));
-            if end <= first {
-                continue;
-            }
-            let span = Span { first, count: end - first };
-            self.read_row(
-                index,
-                band,
-                row,
-                span,
-                Asked { feel_blur: true, limit: f32::INFINITY, full: false },
-                workspace,
-            );
-            row_buffer.fill(&other.spot, &view.pixels(row, span));
-            let Row { light, with_u, with_v, with_radius, .. } = &row_buffer;
-            for i in 0..UNKNOWNS {
-                let weighted: Vec<f32> =
-                    workspace.lines.weight.iter().zip(&workspace.lines.jacobian[i]).map(|(w, j)| w * j).collect();
-                for (k, (column, scale)) in
-                    [(with_u, contrast), (with_v, contrast), (with_radius, contrast), (light, 1.0)]
-                        .into_iter()
-                        .enumerate()
-                {
-                    shared[(i, k)] += f64::from(scale) * dot(&weighted, column);
-                }
+impl Near {
+    /// Finds the samples, placed about `about`, that `spot` reaches, and its light there.
+    fn find(&mut self, spot: &Spot, about: &Spot, places: &Places) {
+        let shift = |axis: usize| (about.centre_px[axis] - spot.centre_px[axis]) as f32;
+        let (shift_u, shift_v, reach) = (shift(0), shift(1), spot.reach_px() as f32);
+        self.index.clear();
+        self.places.clear();
+        for (index, (du, dv)) in places.du.iter().zip(&places.dv).enumerate() {
+            let (du, dv) = (du + shift_u, dv + shift_v);
+            if du * du + dv * dv < reach * reach {
+                self.index.push(index as u32);
+                self.places.push(du, dv);
             }
         }
-        Some(shared)
+        self.light.fill(spot, &self.places);
     }
+}
+
+/// What a loss of information on all six unknowns of a spot costs its shape, contrast and background free.
+fn without_light(light: &BandLight, lost: &SMatrix<f64, UNKNOWNS, UNKNOWNS>) -> Matrix4<f64> {
+    let reduced = Normal { information: light.normal.information - lost, ..light.normal };
+    match (light.shape, reduced.shape()) {
+        (Some(before), Some(after)) => before.information - after.information,
+        _ => Matrix4::zeros(),
+    }
+}
+
+/// `JᵀWJ′` between the unknowns of the spot that the workspace has just compared and those of another (of which u, v,
+/// radius, contrast and background).
+fn shared(own: &BandLight, other: &BandLight, workspace: &mut Workspace) -> SMatrix<f64, UNKNOWNS, 5> {
+    let Workspace { samples, near, lines, .. } = workspace;
+    near.find(&other.spot, &own.spot, &samples.places);
+    let contrast = other.contrast as f32;
+    let Light { light, with_u, with_v, with_radius, .. } = &near.light;
+    let mut weighted = vec![0.0; near.index.len()];
+    let mut shared = SMatrix::<f64, UNKNOWNS, 5>::zeros();
+    for i in 0..UNKNOWNS {
+        for (weighted, sample) in weighted.iter_mut().zip(&near.index) {
+            *weighted = lines.weight[*sample as usize] * lines.jacobian[i][*sample as usize];
+        }
+        let columns = [(with_u, contrast), (with_v, contrast), (with_radius, contrast), (light, 1.0)];
+        for (k, (column, scale)) in columns.into_iter().enumerate() {
+            shared[(i, k)] = f64::from(scale) * dot(&weighted, column);
+        }
+    }
+    shared
 }

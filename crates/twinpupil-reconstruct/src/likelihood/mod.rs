@@ -1,12 +1,14 @@
 //! Maximum likelihood: the dots whose modelled light explains the pixels best.
 
+mod black;
 pub(crate) mod body;
-mod clipped;
+mod cut;
 pub(crate) mod joint;
+mod light;
 mod normal;
 pub(crate) mod pencil;
 pub(crate) mod refine;
-mod row;
+mod samples;
 mod sharp;
 mod soft;
 pub(crate) mod spot;

@@ -1,4 +1,4 @@
-//! Normal equations of weighted least squares, summed row by row.
+//! Normal equations of weighted least squares.
 
 use multiversion::multiversion;
 use nalgebra::{Matrix2, Matrix4, Matrix4x2, Matrix6, Vector2, Vector4, Vector6};
@@ -33,7 +33,7 @@ impl Default for Normal {
     }
 }
 
-/// Derivatives, weights and residuals along a row.
+/// Derivatives, weights and residuals of pixels.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Lines {
     pub(crate) jacobian: [Vec<f32>; UNKNOWNS],
@@ -51,7 +51,7 @@ impl Lines {
 }
 
 impl Normal {
-    /// Adds a row.
+    /// Adds pixels.
     pub(crate) fn add(&mut self, lines: &mut Lines) {
         for i in 0..UNKNOWNS {
             scale(&mut lines.weighted, &lines.weight, &lines.jacobian[i]);
@@ -63,7 +63,7 @@ impl Normal {
         self.count(lines);
     }
 
-    /// Adds a row that the dot fills: light and ground change alike, by the last of the derivatives, and nothing else.
+    /// Adds pixels that the dot fills: light and ground change alike, by the last of the derivatives, and nothing else.
     pub(crate) fn add_full(&mut self, lines: &mut Lines) {
         scale(&mut lines.weighted, &lines.weight, &lines.jacobian[5]);
         let square = dot(&lines.weighted, &lines.jacobian[5]);
@@ -76,7 +76,7 @@ impl Normal {
         self.count(lines);
     }
 
-    /// Adds the residuals of a row to χ².
+    /// Adds residuals to χ².
     fn count(&mut self, lines: &mut Lines) {
         scale(&mut lines.weighted, &lines.weight, &lines.residual);
         self.chi2 += dot(&lines.weighted, &lines.residual);
@@ -85,7 +85,7 @@ impl Normal {
         self.masked += lines.weight.len() - used;
     }
 
-    /// Fills the lower half of the information once all rows are in.
+    /// Fills the lower half of the information once all pixels are in.
     pub(crate) fn complete(&mut self) {
         self.information.fill_lower_triangle_with_upper_triangle();
     }

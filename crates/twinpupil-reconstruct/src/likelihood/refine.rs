@@ -3,6 +3,7 @@
 use nalgebra::{Matrix3, Matrix4};
 use twinpupil_instrument::{Instrument, PlaneView, ResponseTable};
 
+use crate::likelihood::black::Black;
 use crate::likelihood::body::{Body, OwnCentre};
 use crate::likelihood::joint::{BandView, Joint, Workspace};
 use crate::likelihood::pencil::Pencil;
@@ -96,6 +97,7 @@ impl ForwardModel {
             .map(|((band, (plane, noise)), aberration_mm)| BandView {
                 plane: *plane,
                 noise: *noise,
+                black: Black::new(noise),
                 page: band.page,
                 pencil: &band.pencil,
                 aberration_mm,

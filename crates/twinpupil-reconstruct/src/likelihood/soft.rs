@@ -1,64 +1,101 @@
-//! A disc blurred by a disc: edges much wider than a pixel.
+//! A disc blurred by a disc: edges wider than a pixel.
+//!
+//! In units of the dot's radius, at a distance q from its centre and with a blur of radius β, the light is the share of
+//! the blur's disc that lies in the dot: two circular sectors less a kite.
+//!
+//! ```text
+//! I = (β² θ₂ + θ₁ − q y) / πβ²      ∂I/∂q = −2y/πβ²      ∂I/∂β = 2θ₂/πβ − 2I/β
+//! ```
+//!
+//! with y half the chord that both circles share, seen from their centres under θ₁ and θ₂. Where the dot is
+//! foreshortened, the blur is an ellipse to it; a nearly straight edge only feels how far that reaches across the edge,
+//! so β is taken along the edge's normal.
 
 use std::f32::consts::{FRAC_PI_2, PI};
 
 use multiversion::multiversion;
 
-use crate::likelihood::row::{Local, Row};
+use crate::likelihood::light::{EdgeView, Light, Local, Places};
 
-/// Fills light and derivatives of a spot whose pencils are not cut.
-///
-/// In units of the dot's radius, at a distance q from its centre and with a blur of radius β, the light is the share of
-/// the blur's disc that lies in the dot: two circular sectors less a kite.
-///
-/// ```text
-/// I = (β² θ₂ + θ₁ − q y) / πβ²      ∂I/∂q = −2y/πβ²      ∂I/∂β = 2θ₂/πβ − 2I/β
-/// ```
-///
-/// with y half the chord that both circles share, seen from their centres under θ₁ and θ₂. Where the dot is
-/// foreshortened, the blur is an ellipse to it; a straight edge only feels how far that reaches across the edge, so β is
-/// taken along the edge's normal. The pixel is felt where the profile is not smooth, at the two ends of the edge; see
-/// [`reach`].
-#[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
-pub(crate) fn soft_row(local: &Local, row: &mut Row) {
-    let count = row.light.len();
-    let (with_u, with_v) = (&mut row.with_u[..count], &mut row.with_v[..count]);
-    let (with_radius, with_blur) = (&mut row.with_radius[..count], &mut row.with_blur[..count]);
-    let [[xx, xy], [yx, yy]] = local.inverse;
-    let per_radius = 1.0 / local.radius_px;
-    let blur = local.blur_px.abs() * per_radius;
-    for (index, light) in row.light.iter_mut().enumerate() {
-        let du = local.du_px + local.step_px * index as f32;
-        let (ex, ey) = ((xx * du + xy * local.dv_px) * per_radius, (yx * du + yy * local.dv_px) * per_radius);
-        let q = (ex * ex + ey * ey).max(1e-12).sqrt();
-        let (nx, ny) = (ex / q, ey / q);
-        // Gradient of the distance over the unit disc with the pixel, times the radius.
-        let (gx, gy) = (nx * xx + ny * yx, nx * xy + ny * yy);
-        let growth = 1.0 + local.blur_slope * ex.clamp(-1.0, 1.0);
-        let beta = blur * (gx * gx + gy * gy).sqrt() * growth;
+/// Smallest blur relative to the dot that the formulas bear.
+const BETA_MIN: f32 = 1e-3;
+
+/// Fills light and derivatives of a spot; a pixel's square stands at three points across the edge.
+#[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
+pub(crate) fn soft(local: &Local, places: &Places, out: &mut Light) {
+    let count = places.len();
+    let (du, dv) = (&places.du[..count], &places.dv[..count]);
+    let light = &mut out.light[..count];
+    let (with_u, with_v) = (&mut out.with_u[..count], &mut out.with_v[..count]);
+    let (with_radius, with_blur) = (&mut out.with_radius[..count], &mut out.with_blur[..count]);
+    for index in 0..count {
+        let edge = EdgeView::at(local, du[index] - local.skewed_px[0], dv[index] - local.skewed_px[1]);
+        let beta = (edge.blur_px.abs() / edge.px).max(BETA_MIN);
+        let (step_px, side) = edge.pixel_points();
+        let step = step_px / edge.px;
+        // Along the edge, its curvature makes a step inwards of the pixel's extent.
+        let q = edge.q + local.curvature_px() / edge.px + edge.slanted(beta);
+        let (outer, middle, inner) =
+            (Overlap::of(q + step, beta), Overlap::of(q, beta), Overlap::of((q - step).abs(), beta));
+        let centre = 1.0 - 2.0 * side;
+        let with_q = side * (outer.with_q + inner.with_q) + centre * middle.with_q;
+        let with_beta = side * (outer.with_beta + inner.with_beta) + centre * middle.with_beta;
+        light[index] = side * (outer.light + inner.light) + centre * middle.light;
+        with_u[index] = -with_q * edge.gx / local.radius_px;
+        with_v[index] = -with_q * edge.gy / local.radius_px;
+        with_radius[index] = -(edge.q * with_q + beta * with_beta) / local.radius_px;
+        with_blur[index] = (with_beta / edge.px).copysign(with_beta * edge.blur_px);
+    }
+}
+
+/// Fills light and derivatives of a spot whose blur is so wide that the pixel matters at the two ends of the edge only,
+/// where the profile is not smooth; see [`reach`].
+#[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
+pub(crate) fn wide(local: &Local, places: &Places, out: &mut Light) {
+    let count = places.len();
+    let (du, dv) = (&places.du[..count], &places.dv[..count]);
+    let light = &mut out.light[..count];
+    let (with_u, with_v) = (&mut out.with_u[..count], &mut out.with_v[..count]);
+    let (with_radius, with_blur) = (&mut out.with_radius[..count], &mut out.with_blur[..count]);
+    for index in 0..count {
+        let edge = EdgeView::at(local, du[index] - local.skewed_px[0], dv[index] - local.skewed_px[1]);
+        let beta = (edge.blur_px.abs() / edge.px).max(BETA_MIN);
         // Across the edge in px: towards the dot from where the light begins, and outwards from where it is full.
-        let px = local.radius_px / (gx * gx + gy * gy).sqrt();
-        let (outer, outer_slope) = reach((1.0 + beta - q) * px);
-        let (inner, inner_slope) = reach((q - (1.0 - beta).abs()) * px);
-        let curvature = per_radius / 24.0;
-        let inwards = outer - inner - (1.0 + beta - q - q + (1.0 - beta).abs()) * px - curvature;
-        let q = (q - inwards / px).max(1e-6);
-        let (with_depth, with_reach) = (outer_slope + inner_slope - 1.0, outer_slope - inner_slope);
+        let (begins, ends) = ((1.0 + beta - edge.q) * edge.px, (edge.q - (1.0 - beta).abs()) * edge.px);
+        let (outer, outer_slope) = reach(begins);
+        let (inner, inner_slope) = reach(ends);
+        let inwards = outer - inner - begins + ends - local.curvature_px();
+        let overlap = Overlap::of(edge.q - inwards / edge.px + edge.slanted(beta), beta);
+        let with_beta = overlap.with_beta - overlap.with_q * (outer_slope - inner_slope);
+        let with_q = overlap.with_q * (outer_slope + inner_slope - 1.0);
+        light[index] = overlap.light;
+        with_u[index] = -with_q * edge.gx / local.radius_px;
+        with_v[index] = -with_q * edge.gy / local.radius_px;
+        with_radius[index] = -(edge.q * with_q + beta * with_beta) / local.radius_px;
+        with_blur[index] = (with_beta / edge.px).copysign(with_beta * edge.blur_px);
+    }
+}
+
+/// Share of a disc of radius β, q from the centre of the unit disc, that lies in it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Overlap {
+    pub(crate) light: f32,
+    pub(crate) with_q: f32,
+    pub(crate) with_beta: f32,
+}
+
+impl Overlap {
+    #[inline(always)]
+    pub(crate) fn of(q: f32, beta: f32) -> Self {
+        let q = q.max(1e-6);
         let (t, half_q) = (q - 1.0, 0.5 / q);
         let kite = ((q + 1.0) * (q + 1.0) - beta * beta) * (beta * beta - t * t);
         let y = kite.max(0.0).sqrt() * half_q;
         let dot_angle = angle(y, (q * q + 1.0 - beta * beta) * half_q);
         let blur_angle = angle(y, (q * q - 1.0 + beta * beta) * half_q);
         let share = 1.0 / (PI * beta * beta);
-        let value = (beta * beta * blur_angle + dot_angle - q * y) * share;
-        let with_q = -2.0 * y * share;
-        let with_beta = (2.0 * blur_angle * beta * share) - 2.0 * value / beta - with_q * with_reach;
-        let with_q = with_q * with_depth;
-        *light = value;
-        with_u[index] = -with_q * gx * per_radius;
-        with_v[index] = -with_q * gy * per_radius;
-        with_radius[index] = -(q * with_q + beta * with_beta) * per_radius;
-        with_blur[index] = with_beta * beta / local.blur_px;
+        let light = (beta * beta * blur_angle + dot_angle - q * y) * share;
+        Self { light, with_q: -2.0 * y * share, with_beta: 2.0 * blur_angle * beta * share - 2.0 * light / beta }
     }
 }
 

@@ -14,14 +14,16 @@ pub(crate) struct Dot {
 /// The image of a dot: the unit disc, mapped by `p = centre + radius · shape e`, blurred by the pencil's disc.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Spot {
-    /// Centre on the page, px.
+    /// Image of the dot's outline: its centre on the page, px.
     pub(crate) centre_px: Vector2,
     /// Radius along the longest axis, px.
     pub(crate) radius_px: f64,
     /// Radius of the image of a point, px; negative where the image is turned against the pupil.
     pub(crate) blur_px: f64,
-    /// Growth of the blur over the unit disc's first axis, relative to the blur.
-    pub(crate) blur_slope: f64,
+    /// Growth of the blur from the centre to the end of the unit disc's first axis, px.
+    pub(crate) blur_growth_px: f64,
+    /// [`Pencil::skew`], along u and v.
+    pub(crate) skew: Vector2,
     /// From the unit disc to the image, over the radius.
     pub(crate) shape: Matrix2,
     pub(crate) inverse: Matrix2,
@@ -78,12 +80,12 @@ impl Spot {
         ];
         let blur_mm = pencil.signed_blur_mm(z_mm);
         let blur_change = change(&|z_mm| pencil.signed_blur_mm(z_mm)) * tilt.sin * radius_mm;
-        let blur_slope = if blur_mm == 0.0 { 0.0 } else { (blur_change / blur_mm).clamp(-0.9, 0.9) };
         let mut spot = Self {
             centre_px,
             radius_px,
             blur_px: blur_mm / page.pitch_mm,
-            blur_slope,
+            blur_growth_px: blur_change / page.pitch_mm,
+            skew: tilt.steepest.map(|component| component * pencil.skew(dot)),
             shape,
             inverse: inverse(shape),
             ways: Vec::new(),
@@ -99,6 +101,22 @@ impl Spot {
         self.blur_px = self.blur_px.hypot(blur_px).copysign(self.blur_px);
     }
 
+    /// Largest blur on the dot, px.
+    pub(crate) fn blur_px_max(&self) -> f64 {
+        self.blur_px.abs() + self.blur_growth_px.abs()
+    }
+
+    /// Smallest blur on the dot, px.
+    pub(crate) fn blur_px_min(&self) -> f64 {
+        (self.blur_px.abs() - self.blur_growth_px.abs()).max(0.0)
+    }
+
+    /// Where the middle of the light lies beside the image of the dot's, px: the blur grows from the near to the far
+    /// side of a sloping surface.
+    pub(crate) fn skewed_px(&self) -> Vector2 {
+        self.skew.map(|skew| -0.25 * self.blur_px * skew)
+    }
+
     /// A position on the page in mm from the axis.
     pub(crate) fn image_mm(&self, [u_px, v_px]: Vector2) -> Vector2 {
         [(u_px - self.axis_px[0]) * self.pitch_mm, (v_px - self.axis_px[1]) * self.pitch_mm]
@@ -106,7 +124,7 @@ impl Spot {
 
     /// Distance from the centre beyond which no light of the dot falls, px.
     pub(crate) fn reach_px(&self) -> f64 {
-        self.radius_px + self.blur_px.abs() * (1.0 + self.blur_slope.abs()) + PIXEL_REACH_PX
+        self.radius_px + self.blur_px_max() + PIXEL_REACH_PX
     }
 
     /// Distance from the centre within which every pixel sees nothing but the dot, px; 0 if none surely does.
@@ -114,8 +132,7 @@ impl Spot {
         if self.is_clipped() {
             return 0.0;
         }
-        let blur_px = self.blur_px.abs() * (1.0 + self.blur_slope.abs());
-        (self.radius_px * (1.0 - self.foreshortening()) - blur_px - PIXEL_REACH_PX).max(0.0)
+        (self.radius_px * (1.0 - self.foreshortening()) - self.blur_px_max() - PIXEL_REACH_PX).max(0.0)
     }
 
     /// How much shorter it is than it is long, relative to its length.
