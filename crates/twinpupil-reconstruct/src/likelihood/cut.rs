@@ -15,21 +15,65 @@ use std::f32::consts::PI;
 
 use multiversion::multiversion;
 
-use crate::likelihood::light::{EdgeView, Light, Local, Places, SHARP_PX, WIDE_PX};
+use crate::likelihood::light::{EdgeView, Light, Local, Places, SHARP_PX};
 use crate::likelihood::pencil::Edge;
 use crate::likelihood::spot::Spot;
 
 /// Lines across an area.
-const LINES: usize = 16;
+const LINES: usize = 24;
 
 /// Where the lines lie from −1 to 1 and what they count: Fejér's first rule, which bears that areas end like circles.
 const POSITIONS: [f32; LINES] = [
-    0.995184727, 0.956940336, 0.881921264, 0.773010453, 0.634393284, 0.471396737, 0.290284677, 0.098017140,
-    -0.098017140, -0.290284677, -0.471396737, -0.634393284, -0.773010453, -0.881921264, -0.956940336, -0.995184727,
+    0.997858923,
+    0.980785280,
+    0.946930129,
+    0.896872742,
+    0.831469612,
+    0.751839807,
+    0.659345815,
+    0.555570233,
+    0.442288690,
+    0.321439465,
+    0.195090322,
+    0.065403129,
+    -0.065403129,
+    -0.195090322,
+    -0.321439465,
+    -0.442288690,
+    -0.555570233,
+    -0.659345815,
+    -0.751839807,
+    -0.831469612,
+    -0.896872742,
+    -0.946930129,
+    -0.980785280,
+    -0.997858923,
 ];
 const WEIGHTS: [f32; LINES] = [
-    0.016802755, 0.058336464, 0.091718313, 0.125129618, 0.151392462, 0.173419412, 0.187749728, 0.195451248,
-    0.195451248, 0.187749728, 0.173419412, 0.151392462, 0.125129618, 0.091718313, 0.058336464, 0.016802755,
+    0.007472589,
+    0.026143401,
+    0.041683493,
+    0.058175641,
+    0.072513797,
+    0.086469689,
+    0.098290747,
+    0.108934543,
+    0.117329798,
+    0.124001501,
+    0.128355971,
+    0.130628829,
+    0.130628829,
+    0.128355971,
+    0.124001501,
+    0.117329798,
+    0.108934543,
+    0.098290747,
+    0.086469689,
+    0.072513797,
+    0.058175641,
+    0.041683493,
+    0.026143401,
+    0.007472589,
 ];
 
 /// Edges of one way that are looked at; real masks have one or two.
@@ -56,6 +100,21 @@ pub(crate) fn cut(spot: &Spot, local: &Local, places: &Places, out: &mut Light) 
         sum.add(out);
     }
     *out = sum;
+}
+
+/// Light of an uncut spot whose blur reaches so far around the ends of a foreshortened dot that only lines tell it.
+#[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
+pub(crate) fn slanted(local: &Local, places: &Places, out: &mut Light) {
+    let all = Cuts::default();
+    for index in 0..places.len() {
+        let (du, dv) = (places.du[index], places.dv[index]);
+        let edge = EdgeView::at(local, du, dv);
+        if ((1.0 - edge.q) * edge.px).abs() < edge.blur_px.abs() + PIXEL_REACH_PX {
+            out.light[index] = lit(local, &edge, [du, dv], |stretch, behind| {
+                area(stretch, [all.shut(), all.rims()], Some(behind)).share
+            });
+        }
+    }
 }
 
 impl Light {
@@ -108,7 +167,7 @@ impl Way {
     /// The edges that cut the pupil at a place, in coordinates whose first axis has a direction.
     #[inline(always)]
     fn at(&self, du: f32, dv: f32, cos: f32, sin: f32) -> Cuts {
-        let mut cuts = Cuts { shut: [Circle::default(); EDGES_MAX], shuts: 0, rims: [Circle::default(); EDGES_MAX], limits: 0 };
+        let mut cuts = Cuts::default();
         for (edge, per_px) in self.edges[..self.count].iter().zip(self.per_px) {
             let (x, y) = (edge.x + per_px * du, edge.y + per_px * dv);
             let turned = Circle { x: cos * x + sin * y, y: cos * y - sin * x, ..*edge };
@@ -126,6 +185,7 @@ impl Way {
 }
 
 /// Circles that cut the pupil at one place: light passes outside the shut ones and inside the others.
+#[derive(Debug, Default)]
 struct Cuts {
     shut: [Circle; EDGES_MAX],
     shuts: usize,
@@ -268,7 +328,7 @@ struct Points {
 impl Points {
     #[inline(always)]
     fn of(edge: &EdgeView) -> Self {
-        let mut points = Self { offset_px: [0.0; POINTS_MAX], share: [1.0; POINTS_MAX], count: 1 };
+        let mut points = Self { offset_px: [0.0; POINTS_MAX], share: [1.0; POINTS_MAX], count: 3 };
         let blur_px = edge.blur_px.abs();
         if blur_px < SHARP_PX as f32 {
             // Midpoints under the trapezoid that the square's projection is.
@@ -283,11 +343,10 @@ impl Points {
             }
             points.share.iter_mut().for_each(|share| *share /= sum);
             points.count = POINTS_MAX;
-        } else if blur_px < WIDE_PX as f32 {
+        } else {
             let (step_px, side) = edge.pixel_points();
             points.offset_px[..3].copy_from_slice(&[-step_px, 0.0, step_px]);
             points.share[..3].copy_from_slice(&[side, 1.0 - 2.0 * side, side]);
-            points.count = 3;
         }
         points
     }
@@ -305,11 +364,8 @@ fn cut_way(way: &Way, local: &Local, places: &Places, out: &mut Light) {
         }
         let rims = cuts.rims();
         let pupil = Stretch::PUPIL.all_within(rims);
-        let mut open = if rims.is_empty() {
-            Area { share: 1.0, x: 0.0, y: 0.0 }
-        } else {
-            area(pupil, [rims, &[]], None)
-        };
+        let mut open =
+            if rims.is_empty() { Area { share: 1.0, x: 0.0, y: 0.0 } } else { area(pupil, [rims, &[]], None) };
         for shut in cuts.shut() {
             let shut = area(pupil.within(shut), [rims, std::slice::from_ref(shut)], None);
             open = Area { share: open.share - shut.share, x: open.x - shut.x, y: open.y - shut.y };
@@ -328,7 +384,7 @@ fn cut_way(way: &Way, local: &Local, places: &Places, out: &mut Light) {
             out.light[index] = open.share * moved.clamp(0.0, 1.0);
             open.share
         } else {
-            let taken = taken(local, &edge, [du, dv], &cuts, pupil);
+            let taken = taken(local, &edge, [du, dv], &cuts);
             let uncut = out.light[index].max(1e-6);
             out.light[index] = (out.light[index] - taken.light).max(0.0);
             out.with_blur[index] *= out.light[index] / uncut;
@@ -350,11 +406,29 @@ struct Taken {
 }
 
 #[inline(always)]
-fn taken(local: &Local, edge: &EdgeView, [du, dv]: [f32; 2], cuts: &Cuts, pupil: Stretch) -> Taken {
+fn taken(local: &Local, edge: &EdgeView, place: [f32; 2], cuts: &Cuts) -> Taken {
+    let rims = cuts.rims();
+    let light = lit(local, edge, place, |lit, behind| {
+        let mut share = 0.0;
+        if !rims.is_empty() {
+            let limited = area(lit.all_within(rims), [rims, &[]], Some(behind));
+            share += area(lit, [&[], &[]], Some(behind)).share - limited.share;
+        }
+        for shut in cuts.shut() {
+            let stretch = lit.all_within(rims).within(shut);
+            share += area(stretch, [rims, std::slice::from_ref(shut)], Some(behind)).share;
+        }
+        share
+    });
+    Taken { light, passes: passes(edge, cuts) }
+}
+
+/// Mean over a pixel of what `share` makes of the stretch of the pupil that may see the dot, and of the dot behind it.
+#[inline(always)]
+fn lit(local: &Local, edge: &EdgeView, [du, dv]: [f32; 2], share: impl Fn(Stretch, &Behind) -> f32) -> f32 {
     let (cos, sin) = (edge.normal_u, edge.normal_v);
     let [[xx, xy], _] = local.inverse;
     let points = Points::of(edge);
-    let rims = cuts.rims();
     let mut light = 0.0;
     for point in 0..points.count {
         let offset_px = points.offset_px[point];
@@ -364,24 +438,14 @@ fn taken(local: &Local, edge: &EdgeView, [du, dv]: [f32; 2], cuts: &Cuts, pupil:
         // No line beyond the edge's tangent meets the dot.
         let reach = ((1.0 - edge.q) * edge.px - offset_px) / blur_px;
         let reach = reach + 0.01 * reach.abs() * blur_px.signum();
-        let lit = if blur_px > 0.0 {
-            Stretch { high: pupil.high.min(reach), ..pupil }
+        let stretch = if blur_px > 0.0 {
+            Stretch { high: reach.min(1.0), ..Stretch::PUPIL }
         } else {
-            Stretch { low: pupil.low.max(reach), ..pupil }
+            Stretch { low: reach.max(-1.0), ..Stretch::PUPIL }
         };
-        let mut share = 0.0;
-        if !rims.is_empty() {
-            let all = Stretch { low: lit.low.max(-1.0), high: lit.high.min(1.0) };
-            let unlimited = Stretch::PUPIL;
-            let unlimited = Stretch { low: unlimited.low.max(lit.low), high: unlimited.high.min(lit.high) };
-            share += area(unlimited, [&[], &[]], Some(&behind)).share - area(all, [rims, &[]], Some(&behind)).share;
-        }
-        for shut in cuts.shut() {
-            share += area(lit.within(shut), [rims, std::slice::from_ref(shut)], Some(&behind)).share;
-        }
-        light += points.share[point] * share;
+        light += points.share[point] * share(stretch, &behind);
     }
-    Taken { light, passes: passes(edge, cuts) }
+    light
 }
 
 /// The part of a dot's edge across a pencil that the masks leave in the light.

@@ -23,8 +23,7 @@ pub(crate) fn sharp(local: &Local, blur_px_max: f32, places: &Places, out: &mut 
     let determinant = xx * yy - xy * yx;
     let per_radius = 1.0 / local.radius_px;
     for index in 0..places.len() {
-        let edge =
-            EdgeView::at(local, places.du[index] - local.skewed_px[0], places.dv[index] - local.skewed_px[1]);
+        let edge = EdgeView::at(local, places.du[index] - local.skewed_px[0], places.dv[index] - local.skewed_px[1]);
         let blur = edge.blur_px.abs();
         if blur >= blur_px_max {
             continue;
