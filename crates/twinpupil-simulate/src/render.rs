@@ -11,7 +11,7 @@ use crate::index::DotIndex;
 use crate::light::{covered_light, sum};
 use crate::progress::Progress;
 use crate::ray::Ray;
-use crate::sampling::{SampleBank, SampleSet, pupil_cell};
+use crate::sampling::{PUPIL_SAMPLES_MAX, SampleBank, SampleSet, pupil_cell};
 use crate::scene::Scene;
 use crate::texture::Texture;
 
@@ -32,8 +32,14 @@ pub(crate) struct Renderer<'a> {
     pub(crate) bands: Vec<BandView<'a>>,
     index: DotIndex,
     pub(crate) bank: SampleBank,
+    /// Samples for the edges of dots whose pencils the masks cut.
+    fine_bank: SampleBank,
     pub(crate) pupil_samples: usize,
 }
+
+/// How much finer the pupil is sampled at the edges of dots where the masks cut the pencils: there the cells of points
+/// along the masks' edges reach beyond them, which widens the light as those at the pupil's rim would.
+const FINENESS: usize = 4;
 
 /// One band and the scene as it appears in it.
 pub(crate) struct BandView<'a> {
@@ -43,6 +49,8 @@ pub(crate) struct BandView<'a> {
     pupil_samples: usize,
     /// In the order of the scene's dots.
     pub(crate) discs: Vec<Disc>,
+    /// The same for the finer samples.
+    fine_discs: Vec<Disc>,
     /// Width of the widest shadow of a ray on a dot.
     shadow_mm_max: f64,
 }
@@ -84,6 +92,7 @@ impl<'a> Renderer<'a> {
             bands: instrument.bands.iter().zip(camera.bands()).map(view).collect(),
             index: DotIndex::new(scene.dots()),
             bank: SampleBank::new(pupil_samples),
+            fine_bank: SampleBank::new((FINENESS * pupil_samples).min(PUPIL_SAMPLES_MAX)),
             pupil_samples,
         }
     }
@@ -150,11 +159,15 @@ impl<'a> Renderer<'a> {
             Some(0.0) => 0.0,
             Some(electrons) if bundle.is_unclipped() => electrons,
             uniform_e => {
-                let samples = self.bank.of_pixel(band, column, row);
+                let view = &self.bands[band];
+                let is_fine = uniform_e.is_none() && !bundle.is_unclipped();
+                let (bank, discs) =
+                    if is_fine { (&self.fine_bank, &view.fine_discs) } else { (&self.bank, &view.discs) };
+                let samples = bank.of_pixel(band, column, row);
                 self.trace(&bundle, samples, workspace);
                 match uniform_e {
                     Some(electrons) => electrons * sum(&workspace.rays.weight) / self.pupil_samples as f64,
-                    None => self.sampled_e(band, samples, workspace),
+                    None => self.sampled_e(band, samples, discs, workspace),
                 }
             }
         }
@@ -222,14 +235,14 @@ impl<'a> Renderer<'a> {
         let ImagePoint { x_mm, y_mm } = bundle.centre;
         for (buffer, value) in [(&mut *image_x_mm, x_mm), (&mut *image_y_mm, y_mm)] {
             buffer.clear();
-            buffer.resize(self.pupil_samples, value);
+            buffer.resize(samples.len(), value);
         }
         let starts = RayStarts { image_x_mm, image_y_mm, pupil_x: &samples.pupil_x, pupil_y: &samples.pupil_y };
         bundle.optics.trace(starts, rays, ledger);
     }
 
     /// Mean of what the traced rays bring back from the pixel's prospect.
-    fn sampled_e(&self, band: usize, samples: &SampleSet, workspace: &mut Workspace) -> f64 {
+    fn sampled_e(&self, band: usize, samples: &SampleSet, discs: &[Disc], workspace: &mut Workspace) -> f64 {
         let Workspace { pixel, rays, coverage, .. } = workspace;
         let view = &self.bands[band];
         let (ground_e, feature_e) = (self.scene.background_e, self.scene.brightness_e);
@@ -237,7 +250,7 @@ impl<'a> Renderer<'a> {
             None => {
                 coverage.clear();
                 coverage.resize(rays.len(), 0.0);
-                pixel.dots.iter().for_each(|&id| view.discs[id].add_coverage(rays, coverage));
+                pixel.dots.iter().for_each(|&id| discs[id].add_coverage(rays, coverage));
                 let (light, covered) = covered_light(&rays.weight, coverage);
                 ground_e * light + (feature_e - ground_e) * covered
             }
@@ -246,13 +259,13 @@ impl<'a> Renderer<'a> {
                 let offset_px = [samples.offset_u_px[index], samples.offset_v_px[index]];
                 let picture = view.picture_hit(texture, &ray, offset_px);
                 // The picture hides what lies behind it.
-                let dots = pixel.dots.iter().map(|&id| view.discs[id].coverage(&ray));
+                let dots = pixel.dots.iter().map(|&id| discs[id].coverage(&ray));
                 let covered: f64 = dots.filter(|(_, z_mm)| *z_mm < picture.z_mm).map(|(coverage, _)| coverage).sum();
                 let behind_e = ground_e + (feature_e - ground_e) * picture.value;
                 behind_e + (feature_e - behind_e) * covered.min(1.0)
             }),
         };
-        total_e / self.pupil_samples as f64
+        total_e / samples.len() as f64
     }
 }
 
@@ -270,19 +283,24 @@ impl<'a> BandView<'a> {
             pitch_mm: sensor.pitch_mm,
             pupil_samples,
             discs: Vec::new(),
+            fine_discs: Vec::new(),
             shadow_mm_max: 0.0,
         };
-        view.discs = scene.dots().iter().map(|dot| view.disc(dot)).collect();
+        view.discs = scene.dots().iter().map(|dot| view.disc(dot, 1)).collect();
+        view.fine_discs = scene.dots().iter().map(|dot| view.disc(dot, FINENESS)).collect();
         view.shadow_mm_max = view.discs.iter().map(|disc| disc.shadow_mm).fold(0.0, f64::max);
         view
     }
 
-    /// A dot as the rays of this band meet it.
-    fn disc(&self, dot: &Dot) -> Disc {
+    /// A dot as the rays of this band meet it, of samples so many times finer.
+    fn disc(&self, dot: &Dot, fineness: usize) -> Disc {
         let z_mm = dot.centre_mm[2];
         let blur_mm = object_length_mm(&self.projection, self.projection.blur_radius_mm(z_mm), z_mm);
         // `max` comes first: it also catches the NaN of a pupil that no pencil of rays fills.
-        let shadow_mm = self.pixel_mm(z_mm).hypot(blur_mm * pupil_cell(self.pupil_samples)).max(SHADOW_MM_MIN);
+        let shadow_mm = self
+            .pixel_mm(z_mm)
+            .hypot(blur_mm * pupil_cell((fineness * self.pupil_samples).min(PUPIL_SAMPLES_MAX)))
+            .max(SHADOW_MM_MIN);
         Disc::new(dot, shadow_mm.min(SHADOW_MM_MAX))
     }
 

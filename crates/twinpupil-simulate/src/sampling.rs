@@ -60,6 +60,11 @@ impl SampleBank {
 }
 
 impl SampleSet {
+    /// Number of samples.
+    pub(crate) fn len(&self) -> usize {
+        self.pupil_x.len()
+    }
+
     fn new(count: usize, set: usize) -> Self {
         let golden_angle_rad = TAU * (1.0 - 1.0 / GOLDEN_RATIO);
         let turn_rad = TAU * set as f64 / SETS as f64;

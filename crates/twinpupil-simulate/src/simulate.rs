@@ -18,7 +18,9 @@ const PIXELS_MAX: usize = 1 << 27;
 /// How a frame is simulated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SimulateOptions {
-    /// Rays over the pupil for every pixel and band that needs them, 1 to 65536. Powers of two are spread best.
+    /// Rays over the pupil for every pixel and band that needs them, 1 to 65536. Powers of two are spread best. The
+    /// default, 1024, leaves an error below the noise of 20 000 electrons, also in the dim feet of wide edges, where 256
+    /// would add a third to the variance.
     pub pupil_samples: usize,
     /// Whether pixels hold the rounded expected value instead of a random one.
     pub noiseless: bool,
@@ -28,7 +30,7 @@ pub struct SimulateOptions {
 
 impl Default for SimulateOptions {
     fn default() -> Self {
-        Self { pupil_samples: 256, noiseless: false, seed: None }
+        Self { pupil_samples: 1024, noiseless: false, seed: None }
     }
 }
 

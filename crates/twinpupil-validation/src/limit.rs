@@ -71,6 +71,8 @@ pub struct Error {
     pub bound_mm: f64,
     /// True position of the dot.
     pub centre_mm: [f64; 3],
+    /// χ² of the pixels about their model over their number; NaN if there was no model.
+    pub pixel_chi2: f64,
 }
 
 impl Score {
@@ -94,6 +96,7 @@ impl Score {
                 std_mm: point.std_mm[2],
                 bound_mm: bound.std_mm()[2],
                 centre_mm: dot.centre_mm,
+                pixel_chi2: point.pixel_chi2.unwrap_or(f64::NAN),
             }));
         }
         score.pulls.push(score.error_over_std());

@@ -35,12 +35,13 @@ impl Rig {
         Self { instrument, response, reconstructor }
     }
 
-    /// A frame of a scene with 256 rays over the pupil, noisy if there is a seed.
+    /// A frame of a scene, noisy if there is a seed.
     ///
     /// # Panics
     /// If the scene cannot be simulated.
     pub fn frame(&self, scene: &Scene, noise_seed: Option<u64>) -> Frame {
-        let options = SimulateOptions { pupil_samples: 256, noiseless: noise_seed.is_none(), seed: noise_seed };
+        let options =
+            SimulateOptions { noiseless: noise_seed.is_none(), seed: noise_seed, ..SimulateOptions::default() };
         simulate(&self.instrument, scene, &self.response, &options, &|_| {}).expect("the scene can be simulated").frame
     }
 

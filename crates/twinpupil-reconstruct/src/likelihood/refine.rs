@@ -63,7 +63,7 @@ impl Refined {
 const LONE_Z_STD_MM: f64 = 30.0;
 
 /// Rounds at most.
-const SWEEPS: usize = 10;
+const SWEEPS: usize = 16;
 
 /// Rounds before which the slopes of surfaces are found: from the first positions, and when they are settled again.
 const SLOPE_ROUNDS: [usize; 4] = [0, 3, 4, 5];

@@ -60,11 +60,12 @@ fn main() -> io::Result<()> {
                     for e in score.found.iter() {
                         writeln!(
                             out,
-                            "      at {:.2?}: error {:.2} µm, σ {:.2}, bound {:.2}",
+                            "      at {:.2?}: error {:.2} µm, σ {:.2}, bound {:.2}, χ² {:.4}",
                             e.centre_mm,
                             1e3 * e.error_mm,
                             1e3 * e.std_mm,
-                            1e3 * e.bound_mm
+                            1e3 * e.bound_mm,
+                            e.pixel_chi2
                         )?;
                     }
                 }

@@ -50,10 +50,9 @@ pub struct Args {
 }
 
 impl Args {
-    /// Rays over the pupil. What 256 leave of an error is below the noise, but not below the rounding of a frame
-    /// without it.
+    /// Rays over the pupil.
     fn samples(&self) -> usize {
-        self.samples.unwrap_or(if self.noiseless { 1024 } else { 256 })
+        self.samples.unwrap_or(SimulateOptions::default().pupil_samples)
     }
 }
 
