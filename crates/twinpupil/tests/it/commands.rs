@@ -19,6 +19,8 @@ fn wrong_usage_is_code_2_and_help_is_code_0() {
         "detect f.png",
         "detect f.png --mosaic rggb",
         "detect f.png --mosaic xyz --plane r",
+        "analyze precision --instrument paper --z 350:250",
+        "analyze precision --instrument paper --achieved 0",
     ];
     for arguments in wrong {
         let output = workplace.run(arguments);
