@@ -3,8 +3,8 @@
     python bench/opencv.py target/bench/twinpupil.json
 
 The file is what `side_by_side` printed: the camera's numbers, the frames, their true dots with the Cramér–Rao bound of
-their depth, and what twinpupil made of them. OpenCV runs on one thread. Two ways are tried, both with the settings that
-did best on frames with other noise (`--tune` prints the comparison):
+their depth, and what twinpupil made of them. OpenCV runs on one thread. Two ways are tried, both with settings that do well
+on all frames with other noise (`--tune` prints the comparison):
 
 - demosaic, then SimpleBlobDetector on the red and on the blue plane, as its documentation has it;
 - no demosaic: threshold, findContours and grey-value moments on the mosaic's own red and blue pixels.
@@ -25,8 +25,8 @@ import numpy as np
 # Parts of a code that SimpleBlobDetector sees as 0 … 255.
 WHITE = 255.0
 
-# The best of those that `--tune` compares: min, max and step of SimpleBlobDetector's thresholds; share of a dot's height
-# from which a pixel belongs to a contour and counts in its moments. Where dots touch, less light is a neighbour's.
+# Of those that `--tune` compares none is better on every frame: min, max and step of SimpleBlobDetector's thresholds; share
+# of a dot's height from which a pixel belongs to a contour and counts in its moments, where less would be a neighbour's.
 BLOB_THRESHOLDS = (40.0, 150.0, 10.0)
 CONTOUR_SHARE = 0.3
 

@@ -1,5 +1,6 @@
 //! Tables as Parquet: every column with its type, `null` for what is unknown.
 
+use std::panic::{self, UnwindSafe};
 use std::sync::Arc;
 
 use anyhow::{Context, Result};
@@ -75,7 +76,16 @@ fn write(writer: &mut SerializedColumnWriter<'_>, cells: &Cells) -> Result<(), P
 
 /// Names of the columns, and every row as a text file would have it.
 pub(super) fn decode(bytes: Vec<u8>) -> Result<(Vec<String>, Vec<Vec<String>>)> {
-    read(bytes).context("the Parquet file cannot be read")
+    guarded(|| read(bytes)).context("the Parquet file cannot be read")
+}
+
+/// Makes a panic of the crate an error: damaged metadata can have it find a length below zero.
+fn guarded<T>(read: impl FnOnce() -> Result<T, ParquetError> + UnwindSafe) -> Result<T, ParquetError> {
+    let hook = panic::take_hook();
+    panic::set_hook(Box::new(|_| ()));
+    let outcome = panic::catch_unwind(read);
+    panic::set_hook(hook);
+    outcome.unwrap_or_else(|_| Err(ParquetError::General("it is damaged".to_owned())))
 }
 
 fn read(bytes: Vec<u8>) -> Result<(Vec<String>, Vec<Vec<String>>), ParquetError> {
@@ -158,5 +168,21 @@ mod tests {
         for length in [4, 12, bytes.len() / 2, bytes.len() - 1] {
             assert!(decode(bytes[..length].to_vec()).is_err(), "{length}");
         }
+    }
+
+    #[test]
+    fn no_damage_is_a_panic() {
+        let bytes = encode(&table()).unwrap();
+        let mut errors = 0;
+        for place in 0..bytes.len() {
+            for value in [0x00, 0x01, 0x7f, 0x80, 0xff] {
+                let mut damaged = bytes.clone();
+                damaged[place] = value;
+                errors += usize::from(decode(damaged).is_err());
+            }
+        }
+        assert!(errors > bytes.len(), "{errors}");
+        let why = guarded::<()>(|| panic!("by the crate")).unwrap_err();
+        assert_eq!(why.to_string(), "Parquet error: it is damaged");
     }
 }
