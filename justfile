@@ -14,6 +14,10 @@ ci:
 bench:
     cargo bench --workspace
 
+# twinpupil beside OpenCV on the same frames; Python with venv, and the network for the first run
+side-by-side *OPTIONS:
+    bench/run {{OPTIONS}}
+
 # Print every accuracy that the README and the changelog speak of
 targets:
     cargo run --release -p twinpupil-validation --bin targets

@@ -31,14 +31,13 @@ pub(crate) struct Renderer<'a> {
     pub(crate) sensor: &'a Sensor,
     pub(crate) bands: Vec<BandView<'a>>,
     index: DotIndex,
-    pub(crate) bank: SampleBank,
-    /// Samples for the edges of dots whose pencils the masks cut.
+    bank: SampleBank,
+    /// Samples for pencils that the masks cut.
     fine_bank: SampleBank,
-    pub(crate) pupil_samples: usize,
 }
 
-/// How much finer the pupil is sampled at the edges of dots where the masks cut the pencils: there the cells of points
-/// along the masks' edges reach beyond them, which widens the light as those at the pupil's rim would.
+/// How much finer the pupil is sampled where the masks cut the pencils: the cells of points along the masks' edges reach
+/// beyond them, which widens the light at the edge of a dot as those at the pupil's rim would.
 const FINENESS: usize = 4;
 
 /// One band and the scene as it appears in it.
@@ -93,7 +92,6 @@ impl<'a> Renderer<'a> {
             index: DotIndex::new(scene.dots()),
             bank: SampleBank::new(pupil_samples),
             fine_bank: SampleBank::new((FINENESS * pupil_samples).min(PUPIL_SAMPLES_MAX)),
-            pupil_samples,
         }
     }
 
@@ -159,18 +157,21 @@ impl<'a> Renderer<'a> {
             Some(0.0) => 0.0,
             Some(electrons) if bundle.is_unclipped() => electrons,
             uniform_e => {
-                let view = &self.bands[band];
-                let is_fine = uniform_e.is_none() && !bundle.is_unclipped();
-                let (bank, discs) =
-                    if is_fine { (&self.fine_bank, &view.fine_discs) } else { (&self.bank, &view.discs) };
+                let (bank, discs) = self.sampling(band, &bundle);
                 let samples = bank.of_pixel(band, column, row);
                 self.trace(&bundle, samples, workspace);
                 match uniform_e {
-                    Some(electrons) => electrons * sum(&workspace.rays.weight) / self.pupil_samples as f64,
+                    Some(electrons) => electrons * sum(&workspace.rays.weight) / samples.len() as f64,
                     None => self.sampled_e(band, samples, discs, workspace),
                 }
             }
         }
+    }
+
+    /// Samples for a bundle, and the dots as their rays meet them; finer ones where the masks cut it.
+    pub(crate) fn sampling(&self, band: usize, bundle: &Bundle<'_>) -> (&SampleBank, &[Disc]) {
+        let view = &self.bands[band];
+        if bundle.is_unclipped() { (&self.bank, &view.discs) } else { (&self.fine_bank, &view.fine_discs) }
     }
 
     /// Centre and radius of the image disc about a rectangle of pixels.

@@ -5,7 +5,6 @@ use twinpupil_instrument::Site;
 use crate::bundle::{Bundle, Sight};
 use crate::light::sum;
 use crate::render::{Renderer, TILE_PX, Workspace};
-use crate::sampling::SampleSet;
 
 /// Unknowns of a dot that all bands share: x, y, z and diameter.
 pub(crate) const SHARED: usize = 4;
@@ -168,8 +167,7 @@ impl Renderer<'_> {
             .map(|pixel| {
                 let (centre, radius_mm) = self.disc(pixel, [1, 1]);
                 let bundle = of_patch.part(centre, radius_mm);
-                let samples = self.bank.of_pixel(band, pixel[0], pixel[1]);
-                let (light, [covered, shared @ ..]) = self.light_of_dot(band, id, &bundle, samples, workspace);
+                let (light, [covered, shared @ ..]) = self.light_of_dot(band, id, pixel, &bundle, workspace);
                 is_seen |= covered > 0.0;
                 is_cut |= covered > 0.0 && patch.is_outermost(pixel, self.sensor.size_px);
                 let [x, y, z, diameter] = shared.map(|derivative| contrast_e * derivative);
@@ -185,8 +183,8 @@ impl Renderer<'_> {
         &self,
         band: usize,
         id: usize,
+        [column, row]: [usize; 2],
         bundle: &Bundle<'_>,
-        samples: &SampleSet,
         workspace: &mut Workspace,
     ) -> (f64, [f64; 1 + SHARED]) {
         let sight = self.sight(band, bundle, id);
@@ -197,13 +195,15 @@ impl Renderer<'_> {
         if sight != Sight::Across && bundle.is_unclipped() {
             return uniform(1.0);
         }
+        let (bank, discs) = self.sampling(band, bundle);
+        let samples = bank.of_pixel(band, column, row);
         self.trace(bundle, samples, workspace);
-        let light = sum(&workspace.rays.weight) / self.pupil_samples as f64;
+        let light = sum(&workspace.rays.weight) / samples.len() as f64;
         if sight != Sight::Across {
             return uniform(light);
         }
-        let of_dot = self.bands[band].discs[id].light_sensitivity(&workspace.rays);
-        (light, of_dot.map(|sum| sum / self.pupil_samples as f64))
+        let of_dot = discs[id].light_sensitivity(&workspace.rays);
+        (light, of_dot.map(|sum| sum / samples.len() as f64))
     }
 
     /// How a bundle meets dot `id`.

@@ -1,16 +1,18 @@
 //! The program: the one place of the workspace that reads and writes files.
 //!
-//! [`cli`] holds the command line, [`commands`] one module for each subcommand, [`io`] the files; [`plot`], [`picture`]
-//! and [`report`] make what a human looks at.
+//! [`cli`] holds the command line, [`commands`] one module for each subcommand, [`io`] the files; [`plot`], [`heat_map`],
+//! [`picture`] and [`report`] make what a human looks at.
 
 pub mod cli;
 pub mod commands;
 pub mod console;
 pub mod experiments;
 pub mod flow;
+pub mod heat_map;
 pub mod io;
 pub mod load;
 pub mod picture;
 pub mod plot;
+pub mod precision;
 pub mod report;
 pub mod text_table;

@@ -31,6 +31,9 @@ pub enum Colour {
 }
 
 impl Colour {
+    /// Those of series, in the order in which they are used.
+    pub const SERIES: [Self; 5] = [Self::Blue, Self::Vermilion, Self::Green, Self::Orange, Self::Purple];
+
     /// As CSS.
     pub fn css(self) -> &'static str {
         match self {
@@ -81,6 +84,7 @@ pub struct Chart {
     y_range: Option<[f64; 2]>,
     size: [f64; 2],
     equal_scales: bool,
+    log_y: bool,
 }
 
 impl Chart {
@@ -95,6 +99,7 @@ impl Chart {
             y_range: None,
             size: SIZE,
             equal_scales: false,
+            log_y: false,
         }
     }
 
@@ -151,6 +156,12 @@ impl Chart {
         self
     }
 
+    /// Makes the vertical axis logarithmic: ordinates must be above zero.
+    pub fn log_y(mut self) -> Self {
+        self.log_y = true;
+        self
+    }
+
     /// Draws a unit as long across as up, on a square.
     pub fn equal_scales(mut self) -> Self {
         self.size = [SIZE[0], SIZE[0]];
@@ -184,6 +195,9 @@ impl Chart {
         }
         if let Some([min, max]) = self.y_range {
             layout = layout.with_y_axis_min(min).with_y_axis_max(max);
+        }
+        if self.log_y {
+            layout = layout.with_log_y();
         }
         if self.equal_scales {
             layout = layout.with_equal_aspect();

@@ -32,10 +32,10 @@ pub struct Args {
     /// Without an instrument: plane to search, r, g, b or a page number; may be repeated
     #[arg(long, value_name = "PLANE", conflicts_with = "instrument")]
     plane: Vec<String>,
-    /// Features to write, .csv or .ply; CSV on standard output if left out
+    /// Features to write, .csv, .ply or .parquet; CSV on standard output if left out
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
-    /// Also write what was found and not used, each with its reason: .csv or .ply
+    /// Also write what was found and not used, each with its reason: .csv, .ply or .parquet
     #[arg(long, value_name = "FILE")]
     rejected: Option<PathBuf>,
     /// Whether features are bright or dark

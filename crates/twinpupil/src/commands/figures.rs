@@ -199,9 +199,14 @@ fn depth(instrument: &Instrument, table: &ResponseTable, z_mm: f64) -> DepthFigu
         magnification: projections.map(|projection| projection.magnification(z_mm)),
         blur_diameter_px: projections.map(|projection| 2.0 * projection.blur_radius_mm(z_mm) / pitch_mm),
         blind_radius_mm: radius_of_share_mm(table, z_mm, BLIND_SHARE),
-        clipping_radius_mm: radius_of_share_mm(table, z_mm, UNCLIPPED_SHARE),
+        clipping_radius_mm: clipping_radius_mm(table, z_mm),
         depth_per_pixel_mm: RADII_MM.map(|r_mm| pitch_mm / disparity_slope(&projections, z_mm) / r_mm),
     }
+}
+
+/// Radius from which on the masks hardly clip each other's pupils at `z_mm`.
+pub(super) fn clipping_radius_mm(table: &ResponseTable, z_mm: f64) -> Option<f64> {
+    radius_of_share_mm(table, z_mm, UNCLIPPED_SHARE)
 }
 
 /// Radius from which on both bands see a point at `z_mm` with at least `share` of their brightest.

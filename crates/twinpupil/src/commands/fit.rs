@@ -42,7 +42,7 @@ pub enum AxisOption {
 /// Options of both fits.
 #[derive(Debug, Args)]
 pub struct Common {
-    /// Points: CSV with x_mm, y_mm, z_mm and, to weight them, z_std_mm; `-` is standard input
+    /// Points: CSV, PLY or Parquet with x_mm, y_mm, z_mm and, to weight them, z_std_mm; `-` is standard input
     points: PathBuf,
     /// Weight all points alike, whatever their deviations
     #[arg(long)]

@@ -30,10 +30,10 @@ pub struct Args {
     /// Instrument file, or the word `paper`
     #[arg(long, value_name = "FILE")]
     instrument: PathBuf,
-    /// Points to write, .csv or .ply; CSV on standard output if left out
+    /// Points to write, .csv, .ply or .parquet; CSV on standard output if left out
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
-    /// Also write the features that became no point, each with its reason: .csv or .ply
+    /// Also write the features that became no point, each with its reason: .csv, .ply or .parquet
     #[arg(long, value_name = "FILE")]
     rejected: Option<PathBuf>,
     /// How points are computed

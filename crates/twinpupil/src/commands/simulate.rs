@@ -32,7 +32,7 @@ pub struct Args {
     /// Frame to write: .png, .tif or .tiff
     #[arg(short, long, value_name = "FRAME")]
     output: PathBuf,
-    /// Also write where the dots are: .csv or .ply
+    /// Also write where the dots are: .csv, .ply or .parquet
     #[arg(long, value_name = "FILE")]
     truth: Option<PathBuf>,
     /// Rays over the pupil for every pixel and band; 256 if left out, 1024 with --noiseless

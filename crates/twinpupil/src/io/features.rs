@@ -36,7 +36,7 @@ pub fn table(bands: &[BandFeatures], several_frames: bool) -> Table {
         .with("v_std_px", real(PX_DECIMALS, |feature| feature.centre_std_px[1]))
         .with("area_px", real(AREA_DECIMALS, |feature| feature.area_px))
         .with("height_codes", real(AREA_DECIMALS, |feature| feature.height_codes))
-        .with("overlapped", Cells::Whole(features().map(|feature| i64::from(feature.overlapped)).collect()));
+        .with("overlapped", Cells::Flag(features().map(|feature| feature.overlapped).collect()));
     if several_frames { table.with("frame", label(|band| &band.frame)) } else { table }
 }
 

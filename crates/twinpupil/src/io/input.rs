@@ -16,8 +16,12 @@ pub fn read_bytes(path: &Path) -> Result<Vec<u8>> {
 
 /// The text of a UTF-8 file without its byte order mark, or of standard input for `-`.
 pub fn read_text(path: &Path) -> Result<String> {
-    let text =
-        String::from_utf8(read_bytes(path)?).ok().with_context(|| format!("{}: not UTF-8 text", path.display()))?;
+    text(read_bytes(path)?).with_context(|| path.display().to_string())
+}
+
+/// UTF-8 text without its byte order mark.
+pub(super) fn text(bytes: Vec<u8>) -> Result<String> {
+    let text = String::from_utf8(bytes).ok().context("not UTF-8 text")?;
     Ok(text.strip_prefix('\u{feff}').map(str::to_owned).unwrap_or(text))
 }
 

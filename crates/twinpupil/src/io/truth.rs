@@ -4,7 +4,8 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 
-use super::table::{Cells, CsvTable, Table};
+use super::read_table::ReadTable;
+use super::table::{Cells, Table};
 
 /// Decimals of lengths in mm: to a picometre, so that the truth is never the coarser side of a comparison.
 const MM_DECIMALS: usize = 9;
@@ -30,11 +31,11 @@ pub fn table(rows: &[TruthRow]) -> Table {
 
 /// Reads a table.
 pub fn read(path: &Path) -> Result<Vec<TruthRow>> {
-    let table = CsvTable::read(path)?;
+    let table = ReadTable::read(path)?;
     rows(&table).with_context(|| path.display().to_string())
 }
 
-fn rows(table: &CsvTable) -> Result<Vec<TruthRow>> {
+fn rows(table: &ReadTable) -> Result<Vec<TruthRow>> {
     let (id, position) = (table.whole("id")?, [table.finite("x_mm")?, table.finite("y_mm")?, table.finite("z_mm")?]);
     let row = |row: usize| TruthRow { id: id[row], position_mm: [0, 1, 2].map(|axis| position[axis][row]) };
     Ok((0..table.rows()).map(row).collect())
@@ -49,6 +50,6 @@ mod tests {
         let expected = [TruthRow { id: 0, position_mm: [1.0, -2.000000001, 300.5] }];
         let text = String::from_utf8(table(&expected).to_csv()).unwrap();
         assert_eq!(text, "id,x_mm,y_mm,z_mm\n0,1.000000000,-2.000000001,300.500000000\n");
-        assert_eq!(rows(&CsvTable::parse(&text).unwrap()).unwrap(), expected);
+        assert_eq!(rows(&ReadTable::parse(&text).unwrap()).unwrap(), expected);
     }
 }

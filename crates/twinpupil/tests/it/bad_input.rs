@@ -232,7 +232,7 @@ fn outputs_that_cannot_be_written() {
     assert_eq!(simulate("-o none/f.png"), "none/f.png: the folder none does not exist");
     assert_eq!(simulate("-o folder"), "folder: a frame is written as .png, .tif or .tiff");
     assert_eq!(simulate("-o small.toml/f.png"), "small.toml/f.png: the folder small.toml is not a folder");
-    assert_eq!(simulate("-o f.png --truth t.txt"), "t.txt: a table is written as .csv or .ply");
+    assert_eq!(simulate("-o f.png --truth t.txt"), "t.txt: a table is written as .csv, .ply or .parquet");
     assert_eq!(simulate("-o f.png --truth none/t.csv"), "none/t.csv: the folder none does not exist");
     assert_eq!(workplace.fail("instrument paper -o folder"), "folder: this is a folder, not a file");
 }

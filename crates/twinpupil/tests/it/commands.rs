@@ -19,6 +19,8 @@ fn wrong_usage_is_code_2_and_help_is_code_0() {
         "detect f.png",
         "detect f.png --mosaic rggb",
         "detect f.png --mosaic xyz --plane r",
+        "analyze precision --instrument paper --z 350:250",
+        "analyze precision --instrument paper --achieved 0",
     ];
     for arguments in wrong {
         let output = workplace.run(arguments);
@@ -94,6 +96,13 @@ fn a_simulated_plate_comes_back() {
     let fit: serde_json::Value = serde_json::from_str(&fit).unwrap();
     let z_mm = fit["parameters"][1]["value"].as_f64().unwrap();
     assert!((z_mm - 300.0).abs() < 0.05, "{fit}");
+    assert_eq!(workplace.succeed(&format!("{reconstruct} -o p.parquet")), "");
+    for other in ["p.ply", "p.parquet"] {
+        let same: serde_json::Value =
+            serde_json::from_str(&workplace.succeed(&format!("fit plane {other} --json"))).unwrap();
+        // CSV rounds to a nanometre.
+        assert!((same["parameters"][1]["value"].as_f64().unwrap() - z_mm).abs() < 1e-6, "{other}: {same}");
+    }
     let features = workplace.succeed("detect f.tiff --instrument paper");
     assert!(features.lines().filter(|line| line.starts_with("red,")).count() as u64 >= points);
 }

@@ -1,4 +1,4 @@
-//! `demo` and `reproduce`: what they write, and that the numbers they print are those of a working camera.
+//! `demo`, `reproduce` and `analyze`: what they write, and that the numbers they print are those of a working camera.
 
 use std::process::Stdio;
 
@@ -55,7 +55,7 @@ fn the_demos_files_are_those_of_the_other_commands() {
 #[test]
 fn folders_that_cannot_be_are_refused_before_any_work() {
     let workplace = Workplace::new();
-    for command in ["demo", "reproduce"] {
+    for command in ["demo", "reproduce", "analyze precision --instrument paper"] {
         assert_eq!(workplace.fail(&format!("{command} -o small.toml")), "small.toml: this is a file, not a folder");
         let reason = workplace.fail(&format!("{command} -o none/out"));
         assert_eq!(reason, "none/out: the folder none does not exist");
@@ -71,6 +71,34 @@ fn a_reader_who_leaves_early_still_gets_the_folder() {
     let output = child.wait_with_output().unwrap();
     assert_eq!((output.status.code(), output.stderr.as_slice()), (Some(0), b"".as_slice()));
     assert_eq!(names(&workplace, "twinpupil-demo"), DEMO_FILES);
+}
+
+#[test]
+fn the_bound_falls_outwards_and_frames_come_near_it() {
+    let workplace = Workplace::new();
+    let command = "analyze precision --instrument paper --z 300 --r 3:7:2 --dots 3 --samples 64 -q";
+    let table = workplace.succeed(&format!("{command} -o bound"));
+    assert_eq!(table.lines().filter(|line| line.starts_with("300")).count(), 3, "{table}");
+    let files = ["bound-z.svg", "bounds.csv", "dots.csv", "map-x.svg", "map-y.svg", "map-z.svg", "report.html"];
+    assert_eq!(names(&workplace, "bound"), files);
+
+    let summary = workplace.succeed(&format!("{command} -o achieved --achieved 4 --json"));
+    let summary: Value = serde_json::from_str(&summary).unwrap();
+    let places = summary["places"].as_array().unwrap();
+    let depth_mm = |place: &Value| place["bound_std_mm"][2].as_f64().unwrap();
+    assert!(places.windows(2).all(|pair| depth_mm(&pair[1]) < depth_mm(&pair[0])), "{summary}");
+    for place in places {
+        for mode in ["model", "centroid"] {
+            let achieved = &place["achieved"][mode];
+            assert_eq!((achieved["dots"].as_u64(), achieved["found"].as_u64()), (Some(12), Some(12)), "{summary}");
+        }
+        // No unbiased estimator is below 1; twelve errors have an rms that is uncertain by a fifth.
+        let over_bound = place["achieved"]["model"]["error_over_bound"][2].as_f64().unwrap();
+        assert!(over_bound > 0.4 && over_bound < 3.0, "{place}");
+    }
+    let readings = workplace.read("achieved/readings.csv");
+    assert_eq!(readings.lines().count(), 1 + 2 * 4 * 9);
+    assert!(workplace.read("achieved/report.html").matches("<svg").count() == 10);
 }
 
 /// Two independent programs give these depths by the paper's equations through an ideal lens.
