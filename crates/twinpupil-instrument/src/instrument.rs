@@ -394,7 +394,7 @@ fn check_focal_lengths(spec: &InstrumentSpec) -> Result<(), ValueError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::paper;
+    use crate::{builtin, paper};
 
     /// The paper's file with one piece of text replaced.
     fn edited(from: &str, to: &str) -> Result<Instrument, InstrumentError> {
@@ -451,6 +451,76 @@ mod tests {
             let message = message(from, to);
             assert!(message.contains(expected), "{message:?} lacks {expected:?}");
         }
+    }
+
+    /// A shipped file with one piece of text replaced.
+    fn message_of(name: &str, from: &str, to: &str) -> String {
+        let text = builtin::toml(name).expect("a shipped file");
+        assert!(text.contains(from), "{from:?} is not in {name}");
+        Instrument::from_toml(&text.replacen(from, to, 1)).expect_err("must be refused").to_string()
+    }
+
+    #[test]
+    fn carriers_are_checked_against_their_planes() {
+        let matrix = "[[1.0, 0.02, 0.06], [0.01, 1.0, 0.08], [0.05, 0.07, 1.0]]";
+        let cases = [
+            ("polarizer", "plane = \"0\"", "plane = \"30\"", "`band[0].plane` is 30; legal: 0, 45, 90 or 135"),
+            (
+                "polarizer",
+                "[[90, 45], [135, 0]]",
+                "[[90, 45], [45, 0]]",
+                "`sensor.polarizer_deg` is [[90, 45], [45, 0]]",
+            ),
+            ("polarizer", "\"polarizer\"\npol", "\"mono\"\npol", "legal: left out unless sensor.mosaic is polarizer"),
+            ("polarizer", "ratio = 300.0", "ratio = 1.0", "`sensor.extinction_ratio` is 1; legal: 1.5 to"),
+            (
+                "hyperspectral",
+                "\"680 nm\"",
+                "\"red\"",
+                "`band[0].plane` is red; legal: the number of a plane from 0, or",
+            ),
+            ("hyperspectral", "\"intermediate\"", "\"entocentric\"", "one telecentric and one entocentric band"),
+            ("two-sensors", "plane = \"1\"", "plane = \"2\"", "`band[1].plane` is 2; legal: a page number, 0 to 1"),
+            ("two-sensors", "[0.0, 0.0, 1.0]]", "[0.0, 0.0, 0.0]]", "`band[1].registration` is"),
+            (
+                "three-bands",
+                "\"g\"",
+                "\"g\"\nregistration = [[1, 0, 2], [0, 1, 0], [0, 0, 1]]",
+                "left out where several",
+            ),
+            ("three-bands", matrix, "[[1.0, 0.1], [0.1, 1.0]]", "`crosstalk.matrix` is 2 rows; legal: 3 rows of 3"),
+            ("three-bands", "0.06]", "1.5]", "`crosstalk.matrix[0][2]` is 1.5; legal: 0 to 1"),
+            ("three-bands", "[[1.0,", "[[0.9,", "`crosstalk.matrix[0][0]` is 0.9; legal: 1 for a band in its own"),
+            (
+                "three-bands",
+                "[crosstalk]",
+                "[spectra]\nquantum_efficiency = \"nominal\"\nfilters = \"nominal\"\n[crosstalk]",
+                "`crosstalk` is stated beside spectra",
+            ),
+        ];
+        for (name, from, to, expected) in cases {
+            let message = message_of(name, from, to);
+            assert!(message.contains(expected), "{message:?} lacks {expected:?}");
+        }
+    }
+
+    #[test]
+    fn pages_of_a_cube_are_in_the_order_of_the_bands() {
+        let instrument = Instrument::from_toml(builtin::toml("hyperspectral").unwrap()).unwrap();
+        let pages: Vec<usize> = instrument.bands.iter().map(|band| instrument.site(band).page).collect();
+        assert_eq!((pages, instrument.pages()), (vec![0, 1, 2], 3));
+        assert_eq!(instrument.plane_of(1, 0, 0), "450 nm");
+        assert_eq!(instrument.bands_by_role(), [0, 1, 2]);
+    }
+
+    #[test]
+    fn the_axis_of_another_sensor_lies_where_its_registration_leads_back() {
+        let instrument = Instrument::from_toml(builtin::toml("two-sensors").unwrap()).unwrap();
+        let blue = &instrument.bands[1];
+        let [u, v] = instrument.axis_px(blue);
+        let there = blue.registration.map(PixelPoint { u, v });
+        assert!((there.u - 959.5).abs() < 1e-9 && (there.v - 599.5).abs() < 1e-9);
+        assert_eq!(instrument.axis_px(&instrument.bands[0]), [959.5, 599.5]);
     }
 
     #[test]

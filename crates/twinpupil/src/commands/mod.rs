@@ -1,5 +1,6 @@
 //! The subcommands, one module each.
 
+pub mod crosstalk;
 pub mod demo;
 pub mod destination;
 pub mod detect;
