@@ -15,7 +15,8 @@ const CODE_MAX: u16 = 4095;
 const DISC_BYTES: usize = 5;
 
 /// Quantum efficiency with strong crosstalk, for the planes of every mosaic.
-const QUANTUM_EFFICIENCY: &str = "wavelength_nm,r,g,b,0,1\n400,0.1,0.1,0.9,0.1,0.9\n700,0.9,0.1,0.1,0.9,0.1\n";
+const QUANTUM_EFFICIENCY: &str = "wavelength_nm,r,g,b,0,1,45,90,135\n\
+    400,0.1,0.1,0.9,0.1,0.9,0.5,0.9,0.5\n700,0.9,0.1,0.1,0.9,0.1,0.5,0.1,0.5\n";
 
 /// For every mosaic, a camera that reads by the paper's equations, one that inverts the forward model, and one that
 /// takes off crosstalk before.

@@ -12,9 +12,11 @@ pub fn instrument(mosaic: Mosaic) -> Instrument {
     spec.sensor.pitch_mm = 0.15;
     spec.sensor.axis_px = [31.5, 23.5];
     spec.sensor.mosaic = mosaic;
-    if mosaic == Mosaic::Mono {
-        for (page, band) in spec.bands.iter_mut().enumerate() {
-            band.plane = page.to_string();
+    for (index, band) in spec.bands.iter_mut().enumerate() {
+        if mosaic.has_page_for_each_band() {
+            band.plane = index.to_string();
+        } else if matches!(mosaic, Mosaic::Polarizer(_)) {
+            band.plane = ["0", "90"][index % 2].to_owned();
         }
     }
     Instrument::new(spec).expect("a legal camera")

@@ -3,6 +3,8 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::Registration;
+
 /// What a band's pupil makes of depth.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
@@ -11,6 +13,8 @@ pub enum Role {
     Telecentric,
     /// The pupil lies at the lens: image size falls with depth.
     Entocentric,
+    /// The pupil lies anywhere else, as between the two: image size depends on depth in a way of its own.
+    Intermediate,
 }
 
 impl Role {
@@ -19,6 +23,7 @@ impl Role {
         match self {
             Self::Telecentric => "telecentric",
             Self::Entocentric => "entocentric",
+            Self::Intermediate => "intermediate",
         }
     }
 }
@@ -29,10 +34,14 @@ impl Role {
 pub struct Band {
     /// The name by which apertures and filters refer to this band.
     pub name: String,
-    /// Telecentric or entocentric.
+    /// Telecentric, entocentric or intermediate.
     pub role: Role,
     /// Centre wavelength, 200 to 20000 nm.
     pub wavelength_nm: f64,
-    /// The plane of the frame that carries this band: `r`, `g` or `b`, or a page number on a `mono` sensor.
+    /// The plane of the frame that carries this band: `r`, `g` or `b`; a page number on a `mono` sensor or one of
+    /// several `sensors`; an angle behind polarizers; in a `cube` a number or a wavelength such as `680 nm`.
     pub plane: String,
+    /// Where its page lies on the reference frame, if it was taken by a sensor of its own.
+    #[serde(default, skip_serializing_if = "Registration::is_identity")]
+    pub registration: Registration,
 }

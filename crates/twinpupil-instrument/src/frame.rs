@@ -2,7 +2,7 @@
 
 use thiserror::Error;
 
-use crate::Mosaic;
+use crate::{Mosaic, Site};
 
 /// Raw codes of one exposure: one page for a mosaic, three for RGB, one a band for a monochrome sensor.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -46,6 +46,14 @@ pub enum FrameError {
         plane: String,
         /// The mosaic by which it was asked.
         mosaic: &'static str,
+        /// Pages of the frame.
+        pages: usize,
+    },
+    /// A page that the frame does not have.
+    #[error("page {page} is asked for, but the frame has {pages} page(s)")]
+    NoPage {
+        /// Index of the page.
+        page: usize,
         /// Pages of the frame.
         pages: usize,
     },
@@ -102,7 +110,13 @@ impl Frame {
     pub fn plane(&self, mosaic: Mosaic, plane: &str) -> Result<PlaneView<'_>, FrameError> {
         let missing =
             || FrameError::NoPlane { plane: plane.to_owned(), mosaic: mosaic.name(), pages: self.pages.len() };
-        let site = mosaic.site(plane).ok_or_else(missing)?;
+        let site = mosaic.site(plane).filter(|site| site.page < self.pages.len()).ok_or_else(missing)?;
+        self.view(site)
+    }
+
+    /// The pixels at a site, never interpolated.
+    pub fn view(&self, site: Site) -> Result<PlaneView<'_>, FrameError> {
+        let missing = || FrameError::NoPage { page: site.page, pages: self.pages.len() };
         let codes = self.pages.get(site.page).ok_or_else(missing)?;
         let [column, row] = site.origin_px;
         if self.width_px <= column || self.height_px <= row {

@@ -7,7 +7,10 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use crate::check::{self, SyntaxError, ValueError, within};
-use crate::{Aperture, Band, Lens, Mosaic, Projection, Role, Sensor, SpectraSpec};
+use crate::{
+    Aperture, Band, CrosstalkSpec, CubePlane, Frame, FrameError, Lens, Mosaic, PixelPoint, PlaneView, Projection,
+    ResponseMatrix, Role, Sensor, Site, SpectraSpec,
+};
 
 /// An instrument file that is not legal.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
@@ -32,7 +35,7 @@ pub struct InstrumentSpec {
     pub lens: Lens,
     /// The sensor.
     pub sensor: Sensor,
-    /// The bands: one telecentric, one entocentric.
+    /// The bands: one telecentric, one entocentric, and any number of intermediate ones.
     #[serde(rename = "band")]
     pub bands: Vec<Band>,
     /// The masks and stops.
@@ -44,6 +47,9 @@ pub struct InstrumentSpec {
     /// Spectral curves, for crosstalk between the bands.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub spectra: Option<SpectraSpec>,
+    /// Crosstalk between the bands, where it is known as such.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub crosstalk: Option<CrosstalkSpec>,
 }
 
 /// `[depth_range]`: the distances between which objects may be.
@@ -72,11 +78,13 @@ impl Deref for Instrument {
 
 impl Instrument {
     /// Checks every value of `spec`.
-    pub fn new(spec: InstrumentSpec) -> Result<Self, ValueError> {
+    pub fn new(mut spec: InstrumentSpec) -> Result<Self, ValueError> {
         check::schema(spec.schema)?;
         spec.lens.check()?;
+        spec.sensor.settle_polarizers()?;
         spec.sensor.check()?;
         check_bands(&spec)?;
+        check_crosstalk(&spec)?;
         check_apertures(&spec)?;
         check_focal_lengths(&spec)?;
         if let Some(DepthRange { near_mm, far_mm }) = spec.depth_range {
@@ -118,9 +126,18 @@ impl Instrument {
         self.spec
     }
 
-    /// Index of the band with a role.
+    /// Index of the first band with a role; the telecentric and the entocentric one are always there.
+    ///
+    /// # Panics
+    /// If there is no intermediate band and one is asked for.
     pub fn band_index(&self, role: Role) -> usize {
-        self.bands.iter().position(|band| band.role == role).expect("checked: one band for each role")
+        self.bands.iter().position(|band| band.role == role).expect("checked: one band for each role of the pair")
+    }
+
+    /// Indices of all bands: the telecentric one, the entocentric one, then the others in the order of the file.
+    pub fn bands_by_role(&self) -> Vec<usize> {
+        let pair = [Role::Telecentric, Role::Entocentric].map(|role| self.band_index(role));
+        pair.into_iter().chain((0..self.bands.len()).filter(|index| !pair.contains(index))).collect()
     }
 
     /// The band with a role.
@@ -168,6 +185,61 @@ impl Instrument {
         self.spec.depth_range.unwrap_or(DepthRange { near_mm: 0.8 * focus_mm, far_mm: 1.25 * focus_mm })
     }
 
+    /// The pixels of a frame that carry a band.
+    pub fn site(&self, band: &Band) -> Site {
+        site(&self.spec, band).expect("checked: every band has a plane")
+    }
+
+    /// The pixels of one band of a frame, on their own sub-lattice and never interpolated.
+    pub fn plane<'f>(&self, frame: &'f Frame, band: &Band) -> Result<PlaneView<'f>, FrameError> {
+        frame.view(self.site(band))
+    }
+
+    /// The planes of this camera's frames, by their names.
+    pub fn planes(&self) -> Vec<String> {
+        if self.sensor.mosaic.has_page_for_each_band() {
+            return self.bands.iter().map(|band| band.plane.clone()).collect();
+        }
+        self.sensor.mosaic.planes()
+    }
+
+    /// The plane that pixel (column, row) of a page belongs to.
+    pub fn plane_of(&self, page: usize, column: usize, row: usize) -> String {
+        match self.sensor.mosaic {
+            Mosaic::Cube => self.bands[page].plane.clone(),
+            mosaic => mosaic.plane_of(page, column, row),
+        }
+    }
+
+    /// The band whose page this is, where every band has a page of its own.
+    pub fn band_of_page(&self, page: usize) -> Option<&Band> {
+        let own = |band: &&Band| self.sensor.mosaic.has_page_for_each_band() && self.site(band).page == page;
+        self.bands.iter().find(own)
+    }
+
+    /// Where the optical axis meets the page of a band, px.
+    pub fn axis_px(&self, band: &Band) -> [f64; 2] {
+        let [u, v] = self.sensor.axis_px;
+        if band.registration.is_identity() {
+            return [u, v];
+        }
+        let own = band.registration.inverse().map(PixelPoint { u, v });
+        [own.u, own.v]
+    }
+
+    /// Signal in every plane from every band, as far as this file alone states it: from `[crosstalk]`, or the law of
+    /// polarizers; otherwise every plane sees its own band and nothing else. The curves of `[spectra]` are in files of
+    /// their own.
+    pub fn response_matrix(&self) -> ResponseMatrix {
+        match (&self.crosstalk, self.sensor.mosaic) {
+            (Some(crosstalk), _) => ResponseMatrix::from_rows(&self.bands, &crosstalk.matrix),
+            (None, Mosaic::Polarizer(_)) => {
+                ResponseMatrix::of_polarizers(&self.bands, self.sensor.extinction_ratio.unwrap_or(f64::INFINITY))
+            }
+            (None, _) => ResponseMatrix::ideal(&self.bands),
+        }
+    }
+
     /// Number of pages that a frame of this camera has.
     pub fn pages(&self) -> usize {
         self.sensor.mosaic.pages(self.bands.len())
@@ -202,19 +274,58 @@ fn check_bands(spec: &InstrumentSpec) -> Result<(), ValueError> {
         if band.name.is_empty() || earlier.iter().any(|other| other.name == band.name) {
             return Err(ValueError::new(format!("band[{i}].name"), &band.name, "a name of its own"));
         }
-        let legal = match spec.sensor.mosaic {
-            Mosaic::Mono => "a page number, 0 or 1",
-            _ => "r, g or b",
-        };
         let pages = spec.sensor.mosaic.pages(spec.bands.len());
-        if spec.sensor.mosaic.site(&band.plane).is_none_or(|site| site.page >= pages) {
+        if site(spec, band).is_none_or(|site| site.page >= pages) {
+            let legal = match spec.sensor.mosaic {
+                Mosaic::Mono | Mosaic::Sensors => format!("a page number, 0 to {}", pages - 1),
+                Mosaic::Polarizer(_) => "0, 45, 90 or 135".to_owned(),
+                Mosaic::Cube => "the number of a plane from 0, or a wavelength such as 680 nm".to_owned(),
+                _ => "r, g or b".to_owned(),
+            };
             return Err(ValueError::new(format!("band[{i}].plane"), &band.plane, legal));
         }
         if earlier.iter().any(|other| other.plane == band.plane) {
             return Err(ValueError::new(format!("band[{i}].plane"), &band.plane, "a plane of its own"));
         }
+        check_registration(spec, i)?;
     }
     Ok(())
+}
+
+fn check_registration(spec: &InstrumentSpec, band: usize) -> Result<(), ValueError> {
+    let registration = spec.bands[band].registration;
+    let key = format!("band[{band}].registration");
+    if registration.is_identity() {
+        return Ok(());
+    }
+    if !spec.sensor.mosaic.has_page_for_each_band() {
+        let legal = "left out where several bands share one page";
+        return Err(ValueError::new(key, format!("stated for a sensor {}", spec.sensor.mosaic.name()), legal));
+    }
+    registration.check(&key, spec.sensor.size_px)
+}
+
+/// The pixels that carry a band.
+fn site(spec: &InstrumentSpec, band: &Band) -> Option<Site> {
+    match spec.sensor.mosaic {
+        // A frame holds the planes of a cube in the order of the bands.
+        Mosaic::Cube => {
+            CubePlane::parse(&band.plane)?;
+            spec.bands.iter().position(|other| other.name == band.name).map(Site::of_page)
+        }
+        mosaic => mosaic.site(&band.plane),
+    }
+}
+
+fn check_crosstalk(spec: &InstrumentSpec) -> Result<(), ValueError> {
+    let Some(crosstalk) = &spec.crosstalk else { return Ok(()) };
+    if spec.spectra.is_some() {
+        return Err(ValueError::new("crosstalk", "stated beside spectra", "one of the two"));
+    }
+    if let Some(ratio) = spec.sensor.extinction_ratio {
+        return Err(ValueError::new("sensor.extinction_ratio", ratio, "left out beside crosstalk"));
+    }
+    crosstalk.check(spec.bands.len())
 }
 
 fn check_apertures(spec: &InstrumentSpec) -> Result<(), ValueError> {
@@ -283,7 +394,7 @@ fn check_focal_lengths(spec: &InstrumentSpec) -> Result<(), ValueError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::paper;
+    use crate::{builtin, paper};
 
     /// The paper's file with one piece of text replaced.
     fn edited(from: &str, to: &str) -> Result<Instrument, InstrumentError> {
@@ -340,6 +451,76 @@ mod tests {
             let message = message(from, to);
             assert!(message.contains(expected), "{message:?} lacks {expected:?}");
         }
+    }
+
+    /// A shipped file with one piece of text replaced.
+    fn message_of(name: &str, from: &str, to: &str) -> String {
+        let text = builtin::toml(name).expect("a shipped file");
+        assert!(text.contains(from), "{from:?} is not in {name}");
+        Instrument::from_toml(&text.replacen(from, to, 1)).expect_err("must be refused").to_string()
+    }
+
+    #[test]
+    fn carriers_are_checked_against_their_planes() {
+        let matrix = "[[1.0, 0.02, 0.06], [0.01, 1.0, 0.08], [0.05, 0.07, 1.0]]";
+        let cases = [
+            ("polarizer", "plane = \"0\"", "plane = \"30\"", "`band[0].plane` is 30; legal: 0, 45, 90 or 135"),
+            (
+                "polarizer",
+                "[[90, 45], [135, 0]]",
+                "[[90, 45], [45, 0]]",
+                "`sensor.polarizer_deg` is [[90, 45], [45, 0]]",
+            ),
+            ("polarizer", "\"polarizer\"\npol", "\"mono\"\npol", "legal: left out unless sensor.mosaic is polarizer"),
+            ("polarizer", "ratio = 300.0", "ratio = 1.0", "`sensor.extinction_ratio` is 1; legal: 1.5 to"),
+            (
+                "hyperspectral",
+                "\"680 nm\"",
+                "\"red\"",
+                "`band[0].plane` is red; legal: the number of a plane from 0, or",
+            ),
+            ("hyperspectral", "\"intermediate\"", "\"entocentric\"", "one telecentric and one entocentric band"),
+            ("two-sensors", "plane = \"1\"", "plane = \"2\"", "`band[1].plane` is 2; legal: a page number, 0 to 1"),
+            ("two-sensors", "[0.0, 0.0, 1.0]]", "[0.0, 0.0, 0.0]]", "`band[1].registration` is"),
+            (
+                "three-bands",
+                "\"g\"",
+                "\"g\"\nregistration = [[1, 0, 2], [0, 1, 0], [0, 0, 1]]",
+                "left out where several",
+            ),
+            ("three-bands", matrix, "[[1.0, 0.1], [0.1, 1.0]]", "`crosstalk.matrix` is 2 rows; legal: 3 rows of 3"),
+            ("three-bands", "0.06]", "1.5]", "`crosstalk.matrix[0][2]` is 1.5; legal: 0 to 1"),
+            ("three-bands", "[[1.0,", "[[0.9,", "`crosstalk.matrix[0][0]` is 0.9; legal: 1 for a band in its own"),
+            (
+                "three-bands",
+                "[crosstalk]",
+                "[spectra]\nquantum_efficiency = \"nominal\"\nfilters = \"nominal\"\n[crosstalk]",
+                "`crosstalk` is stated beside spectra",
+            ),
+        ];
+        for (name, from, to, expected) in cases {
+            let message = message_of(name, from, to);
+            assert!(message.contains(expected), "{message:?} lacks {expected:?}");
+        }
+    }
+
+    #[test]
+    fn pages_of_a_cube_are_in_the_order_of_the_bands() {
+        let instrument = Instrument::from_toml(builtin::toml("hyperspectral").unwrap()).unwrap();
+        let pages: Vec<usize> = instrument.bands.iter().map(|band| instrument.site(band).page).collect();
+        assert_eq!((pages, instrument.pages()), (vec![0, 1, 2], 3));
+        assert_eq!(instrument.plane_of(1, 0, 0), "450 nm");
+        assert_eq!(instrument.bands_by_role(), [0, 1, 2]);
+    }
+
+    #[test]
+    fn the_axis_of_another_sensor_lies_where_its_registration_leads_back() {
+        let instrument = Instrument::from_toml(builtin::toml("two-sensors").unwrap()).unwrap();
+        let blue = &instrument.bands[1];
+        let [u, v] = instrument.axis_px(blue);
+        let there = blue.registration.map(PixelPoint { u, v });
+        assert!((there.u - 959.5).abs() < 1e-9 && (there.v - 599.5).abs() < 1e-9);
+        assert_eq!(instrument.axis_px(&instrument.bands[0]), [959.5, 599.5]);
     }
 
     #[test]

@@ -8,24 +8,33 @@
 
 mod aperture;
 mod band;
+pub mod builtin;
 pub mod check;
+mod crosstalk;
+mod cube;
 mod frame;
 mod geometry;
 mod instrument;
 mod lens;
+mod mosaic;
 pub mod paper;
 mod projection;
+mod registration;
 mod response;
 mod sensor;
 mod spectra;
 
 pub use aperture::{Annulus, Aperture, Zone};
 pub use band::{Band, Role};
+pub use crosstalk::CrosstalkSpec;
+pub use cube::CubePlane;
 pub use frame::{Frame, FrameError, PlaneView};
 pub use geometry::{ImagePoint, PixelPoint};
 pub use instrument::{DepthRange, Instrument, InstrumentError, InstrumentSpec};
 pub use lens::{FresnelLens, GrooveSide, Lens, ThinLens};
+pub use mosaic::{Mosaic, Polarizers, Site};
 pub use projection::{Projection, position_from_radii_mm};
+pub use registration::Registration;
 pub use response::{BandResponse, Grid, PointResponse, ResponseTable};
-pub use sensor::{Mosaic, Sensor, Site};
+pub use sensor::Sensor;
 pub use spectra::{ResponseMatrix, SpectraError, SpectraSpec, SpectralTable};

@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::check::{ValueError, within};
-use crate::{ImagePoint, PixelPoint};
+use crate::{ImagePoint, Mosaic, PixelPoint, Polarizers};
 
 /// `[sensor]`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -20,6 +20,12 @@ pub struct Sensor {
     pub axis_px: [f64; 2],
     /// How colour is sampled.
     pub mosaic: Mosaic,
+    /// Angles of the polarizers before a cell of 2×2 pixels, row by row, if they are not those of Sony's sensors.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub polarizer_deg: Option<Polarizers>,
+    /// How much more light a polarizer passes along than across itself; without end if left out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub extinction_ratio: Option<f64>,
     /// Bits of a code; the largest code is 2^bits − 1.
     pub bit_depth: u8,
     /// Electrons at the largest code.
@@ -29,96 +35,6 @@ pub struct Sensor {
     /// Code of a pixel without light.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub black_level: u16,
-}
-
-/// How the sensor samples colour: every pixel all bands, one band a page, or a 2×2 mosaic named row by row.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "lowercase")]
-pub enum Mosaic {
-    /// Red, green and blue in every pixel.
-    Rgb,
-    /// One page of grey values for each band.
-    Mono,
-    /// Bayer: R G / G B.
-    Rggb,
-    /// Bayer: B G / G R.
-    Bggr,
-    /// Bayer: G R / B G.
-    Grbg,
-    /// Bayer: G B / R G.
-    Gbrg,
-}
-
-/// The pixels that carry one plane: a page of the frame and a sub-lattice of it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Site {
-    /// Index of the page.
-    pub page: usize,
-    /// First column and row.
-    pub origin_px: [usize; 2],
-    /// Columns and rows from one pixel of the plane to the next.
-    pub step_px: usize,
-}
-
-impl Mosaic {
-    /// Every mosaic, for help texts and tests.
-    pub const ALL: [Self; 6] = [Self::Rgb, Self::Mono, Self::Rggb, Self::Bggr, Self::Grbg, Self::Gbrg];
-
-    /// The word used in files.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Rgb => "rgb",
-            Self::Mono => "mono",
-            Self::Rggb => "rggb",
-            Self::Bggr => "bggr",
-            Self::Grbg => "grbg",
-            Self::Gbrg => "gbrg",
-        }
-    }
-
-    /// The mosaic of that name.
-    pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|mosaic| mosaic.name() == name)
-    }
-
-    /// Number of pages of a frame; `mono` has as many as there are bands.
-    pub fn pages(self, bands: usize) -> usize {
-        match self {
-            Self::Rgb => 3,
-            Self::Mono => bands,
-            _ => 1,
-        }
-    }
-
-    /// Where `plane` lies, or `None` if this mosaic has no such plane.
-    ///
-    /// A Bayer mosaic has two green sub-lattices; `g` is the one in the first row.
-    pub fn site(self, plane: &str) -> Option<Site> {
-        match self {
-            Self::Rgb => {
-                let page = ["r", "g", "b"].iter().position(|name| *name == plane)?;
-                Some(Site { page, origin_px: [0, 0], step_px: 1 })
-            }
-            Self::Mono => plane.parse().ok().map(|page| Site { page, origin_px: [0, 0], step_px: 1 }),
-            bayer => {
-                let cell = bayer.name();
-                let index = (plane.len() == 1).then(|| cell.find(plane))??;
-                Some(Site { page: 0, origin_px: [index % 2, index / 2], step_px: 2 })
-            }
-        }
-    }
-
-    /// The plane that pixel (column, row) of a page belongs to.
-    pub fn plane_of(self, page: usize, column: usize, row: usize) -> String {
-        match self {
-            Self::Rgb => ["r", "g", "b"][page.min(2)].to_owned(),
-            Self::Mono => page.to_string(),
-            bayer => {
-                let index = (row % 2) * 2 + column % 2;
-                bayer.name()[index..=index].to_owned()
-            }
-        }
-    }
 }
 
 impl Sensor {
@@ -145,6 +61,30 @@ impl Sensor {
         PixelPoint { u: self.axis_px[0] + image.x_mm / self.pitch_mm, v: self.axis_px[1] + image.y_mm / self.pitch_mm }
     }
 
+    /// Makes the mosaic and the angles that are stated beside it one.
+    pub(crate) fn settle_polarizers(&mut self) -> Result<(), ValueError> {
+        match (self.mosaic, self.polarizer_deg) {
+            (Mosaic::Polarizer(_), Some(stated)) => {
+                stated.check("sensor.polarizer_deg")?;
+                self.mosaic = Mosaic::Polarizer(stated);
+            }
+            (Mosaic::Polarizer(own), None) if own != Polarizers::SONY => self.polarizer_deg = Some(own),
+            (Mosaic::Polarizer(_), None) => {}
+            (_, Some(stated)) => {
+                let legal = "left out unless sensor.mosaic is polarizer";
+                return Err(ValueError::new("sensor.polarizer_deg", format!("{:?}", stated.degrees), legal));
+            }
+            (_, None) => {}
+        }
+        match self.extinction_ratio {
+            Some(ratio) if !matches!(self.mosaic, Mosaic::Polarizer(_)) => {
+                let legal = "left out unless sensor.mosaic is polarizer";
+                Err(ValueError::new("sensor.extinction_ratio", ratio, legal))
+            }
+            _ => Ok(()),
+        }
+    }
+
     pub(crate) fn check(&self) -> Result<(), ValueError> {
         within("sensor.distance_mm", self.distance_mm, 0.1, 1e5)?;
         for (i, size) in self.size_px.into_iter().enumerate() {
@@ -162,6 +102,9 @@ impl Sensor {
             let legal = format!("below the largest code {}", self.code_max());
             return Err(ValueError::new("sensor.black_level", self.black_level, legal));
         }
+        if let Some(ratio) = self.extinction_ratio {
+            within("sensor.extinction_ratio", ratio, 1.5, 1e9)?;
+        }
         within("sensor.full_well_e", self.full_well_e, 1.0, 1e9)?;
         within("sensor.read_noise_e", self.read_noise_e, 0.0, 1e6)
     }
@@ -169,31 +112,4 @@ impl Sensor {
 
 fn is_zero(level: &u16) -> bool {
     *level == 0
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn bayer_sites_follow_the_name() {
-        let site = |mosaic: Mosaic, plane| mosaic.site(plane).map(|site| site.origin_px);
-        assert_eq!(site(Mosaic::Rggb, "r"), Some([0, 0]));
-        assert_eq!(site(Mosaic::Rggb, "b"), Some([1, 1]));
-        assert_eq!(site(Mosaic::Gbrg, "b"), Some([1, 0]));
-        assert_eq!(site(Mosaic::Gbrg, "r"), Some([0, 1]));
-        assert_eq!(site(Mosaic::Rggb, "x"), None);
-        assert_eq!(site(Mosaic::Rggb, "rg"), None);
-        assert_eq!(site(Mosaic::Rggb, ""), None);
-    }
-
-    #[test]
-    fn plane_of_inverts_site() {
-        for mosaic in [Mosaic::Rggb, Mosaic::Bggr, Mosaic::Grbg, Mosaic::Gbrg] {
-            for plane in ["r", "g", "b"] {
-                let [column, row] = mosaic.site(plane).expect("every Bayer mosaic has r, g and b").origin_px;
-                assert_eq!(mosaic.plane_of(0, column, row), plane);
-            }
-        }
-    }
 }

@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use crate::{Band, Mosaic};
+use crate::{Band, Mosaic, Polarizers};
 
 /// `[spectra]`: where the curves come from. Without it every plane sees its own band and nothing else.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -147,9 +147,9 @@ impl ResponseMatrix {
         quantum_efficiency: &SpectralTable,
         filters: &SpectralTable,
     ) -> Result<Self, SpectraError> {
-        let planes: Vec<String> = match mosaic {
-            Mosaic::Mono => bands.iter().map(|band| band.plane.clone()).collect(),
-            _ => ["r", "g", "b"].map(str::to_owned).to_vec(),
+        let planes: Vec<String> = match mosaic.has_page_for_each_band() {
+            true => bands.iter().map(|band| band.plane.clone()).collect(),
+            false => mosaic.planes(),
         };
         let integral = |plane: &str, band: &Band| -> Result<f64, SpectraError> {
             let (qe, transmittance) = (quantum_efficiency.curve(plane)?, filters.curve(&band.name)?);
@@ -172,6 +172,46 @@ impl ResponseMatrix {
             }
         }
         Ok(Self { planes, bands: bands.len(), values })
+    }
+
+    /// The plane of each band, in the order of `bands`, sees what its row says.
+    pub fn from_rows(bands: &[Band], rows: &[Vec<f64>]) -> Self {
+        let planes = bands.iter().map(|band| band.plane.clone()).collect();
+        Self { planes, bands: bands.len(), values: rows.iter().flatten().copied().collect() }
+    }
+
+    /// What linear polarizers before the pixels pass of bands that are polarized along their own planes' angles.
+    ///
+    /// ```text
+    /// M[plane][band] = cos² Δ + sin² Δ / extinction ratio        Δ: angle between plane and band
+    /// ```
+    ///
+    /// the law of Malus; E. Hecht, "Optics" (5th ed.), Section 8.2.1.
+    pub fn of_polarizers(bands: &[Band], extinction_ratio: f64) -> Self {
+        let planes = Mosaic::Polarizer(Polarizers::SONY).planes();
+        // Exact for the angles of a mosaic, where the cosine of 90° would be 6e-17.
+        let cos2 = |degrees: i32| match degrees.rem_euclid(180) {
+            0 => 1.0,
+            90 => 0.0,
+            45 | 135 => 0.5,
+            other => f64::from(other).to_radians().cos().powi(2),
+        };
+        let passed = |plane: &str, band: &Band| {
+            let degrees = |text: &str| text.parse::<i32>().unwrap_or(0);
+            let along = cos2(degrees(plane) - degrees(&band.plane));
+            along + (1.0 - along) / extinction_ratio
+        };
+        let values = planes.iter().flat_map(|plane| bands.iter().map(move |band| passed(plane, band)));
+        Self { bands: bands.len(), values: values.collect(), planes }
+    }
+
+    /// The same sensor in light of one band alone, as a flat frame for measuring crosstalk is lit.
+    #[must_use]
+    pub fn lit_by(mut self, band: usize) -> Self {
+        for row in self.values.chunks_exact_mut(self.bands) {
+            row.iter_mut().enumerate().filter(|(own, _)| *own != band).for_each(|(_, value)| *value = 0.0);
+        }
+        self
     }
 
     /// Signal in `plane` from unit light of each band; zero in a plane that is not listed.
@@ -213,6 +253,19 @@ mod tests {
         let matrix = ResponseMatrix::from_curves(&paper::instrument().bands, Mosaic::Rgb, &qe, &filters).unwrap();
         assert!((matrix.of_plane("b")[0] - 0.25).abs() < 1e-12);
         assert_eq!(matrix.of_plane("r")[1], 0.0);
+    }
+
+    #[test]
+    fn polarizers_follow_malus() {
+        let mut bands = paper::instrument().into_spec().bands;
+        bands[0].plane = "0".to_owned();
+        bands[1].plane = "90".to_owned();
+        let matrix = ResponseMatrix::of_polarizers(&bands, 100.0);
+        assert_eq!(matrix.of_plane("0"), [1.0, 0.01]);
+        assert_eq!(matrix.of_plane("90"), [0.01, 1.0]);
+        assert_eq!(matrix.of_plane("45"), [0.505, 0.505]);
+        assert_eq!(ResponseMatrix::of_polarizers(&bands, f64::INFINITY).of_plane("135"), [0.5, 0.5]);
+        assert_eq!(matrix.lit_by(1).of_plane("0"), [0.0, 0.01]);
     }
 
     #[test]

@@ -19,6 +19,8 @@ pub struct MatchOptions {
     pub area_log_std: f64,
     /// χ² at which a feature had better stay alone.
     pub single_chi2: f64,
+    /// How far from where a point is predicted in a further band its feature there may lie, px.
+    pub prediction_tolerance_px: f64,
     /// A pair is ambiguous if another choice costs less than this much more, in χ².
     pub ambiguous_chi2: f64,
 }
@@ -30,6 +32,7 @@ impl Default for MatchOptions {
             azimuth_std_px: 1.0,
             area_log_std: 0.15,
             single_chi2: 40.0,
+            prediction_tolerance_px: 4.0,
             ambiguous_chi2: 4.0,
         }
     }

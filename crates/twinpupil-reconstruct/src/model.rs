@@ -2,14 +2,15 @@
 
 use std::sync::OnceLock;
 
-use twinpupil_instrument::{ImagePoint, Instrument, Projection, ResponseTable, Role};
+use twinpupil_instrument::{ImagePoint, Instrument, Projection, ResponseTable};
 
-/// First-order projections of the telecentric and the entocentric band, and how the lens departs from them.
+/// First-order projections of all bands, and how the lens departs from them. The telecentric band comes first, then the
+/// entocentric one, then the others, if there are any.
 #[derive(Debug, Clone)]
 pub(crate) struct Model {
-    projections: [Projection; 2],
-    /// Indices of the two bands in the table.
-    bands: [usize; 2],
+    projections: Vec<Projection>,
+    /// Indices of the bands in the table.
+    bands: Vec<usize>,
     table: Option<ResponseTable>,
 }
 
@@ -18,38 +19,55 @@ pub(crate) type ImagePair = [ImagePoint; 2];
 
 impl Model {
     pub(crate) fn new(instrument: &Instrument, table: Option<ResponseTable>) -> Self {
-        let bands = [Role::Telecentric, Role::Entocentric].map(|role| instrument.band_index(role));
-        Self { projections: instrument.projections(), bands, table }
+        let bands = instrument.bands_by_role();
+        let projections = bands.iter().map(|band| instrument.projection(&instrument.bands[*band])).collect();
+        Self { projections, bands, table }
     }
 
-    /// What the lens adds to first order, where it is known, with the index of a role's band in it.
-    pub(crate) fn table(&self, role: Role) -> Option<(&ResponseTable, usize)> {
-        let index = match role {
-            Role::Telecentric => 0,
-            Role::Entocentric => 1,
-        };
-        self.table.as_ref().map(|table| (table, self.bands[index]))
+    /// Number of bands.
+    pub(crate) fn bands(&self) -> usize {
+        self.bands.len()
     }
 
-    /// First-order images of an object point.
+    /// Index in the instrument of a band.
+    pub(crate) fn index(&self, band: usize) -> usize {
+        self.bands[band]
+    }
+
+    /// What the lens adds to first order, where it is known, with the index of a band in it.
+    pub(crate) fn table(&self, band: usize) -> Option<(&ResponseTable, usize)> {
+        self.table.as_ref().map(|table| (table, self.bands[band]))
+    }
+
+    /// First-order image of an object point in a band.
+    pub(crate) fn chief_image(&self, band: usize, object_mm: [f64; 3]) -> ImagePoint {
+        self.projections[band].image(object_mm)
+    }
+
+    /// First-order images of an object point in the pair.
     pub(crate) fn chief_images(&self, object_mm: [f64; 3]) -> ImagePair {
-        self.projections.map(|projection| projection.image(object_mm))
+        [0, 1].map(|band| self.chief_image(band, object_mm))
     }
 
     /// Telecentric and entocentric magnification at a distance.
     pub(crate) fn magnifications(&self, z_mm: f64) -> [f64; 2] {
-        self.projections.map(|projection| projection.magnification(z_mm))
+        [0, 1].map(|band| self.magnification(band, z_mm))
+    }
+
+    /// Magnification of a band at a distance.
+    pub(crate) fn magnification(&self, band: usize, z_mm: f64) -> f64 {
+        self.projections[band].magnification(z_mm)
     }
 
     /// Radii of the telecentric and the entocentric image of a point at a distance, mm.
     pub(crate) fn blur_radii_mm(&self, z_mm: f64) -> [f64; 2] {
-        self.projections.map(|projection| projection.blur_radius_mm(z_mm))
+        [0, 1].map(|band| self.projections[band].blur_radius_mm(z_mm))
     }
 
-    /// Images of a round feature: the centroids of all its light.
+    /// Image of a round feature in a band: the centroid of all its light.
     ///
     /// Points near the axis lose part of their light to the other band's mask, and what is left of their blur is
-    /// off-centre. On a tilted surface the near half of a disc is imaged larger than the far half. So each centroid is
+    /// off-centre. On a tilted surface the near half of a disc is imaged larger than the far half. So the centroid is
     /// the mean over the disc of the points' images, weighted by their light:
     ///
     /// ```text
@@ -57,13 +75,9 @@ impl Model {
     /// ```
     ///
     /// with the throughput w and the radial deviation δ of the table, and the image area J of an area of the disc.
-    pub(crate) fn images(&self, centre_mm: [f64; 3], disc: &Disc) -> ImagePair {
-        std::array::from_fn(|role| self.image(role, centre_mm, disc))
-    }
-
-    fn image(&self, role: usize, centre_mm: [f64; 3], disc: &Disc) -> ImagePoint {
+    pub(crate) fn image(&self, band: usize, centre_mm: [f64; 3], disc: &Disc) -> ImagePoint {
         const DIFFERENCE_MM: f64 = 0.01;
-        let projection = &self.projections[role];
+        let projection = &self.projections[band];
         let z_mm = centre_mm[2];
         let slope = (projection.magnification(z_mm + DIFFERENCE_MM) - projection.magnification(z_mm - DIFFERENCE_MM))
             / (2.0 * DIFFERENCE_MM);
@@ -73,7 +87,7 @@ impl Model {
             let [x_mm, y_mm, z_mm] = point_mm;
             let chief = projection.image(point_mm);
             let (image, throughput) = match &self.table {
-                Some(table) => table.image(self.bands[role], (x_mm * x_mm + y_mm * y_mm).sqrt(), z_mm, chief),
+                Some(table) => table.image(self.bands[band], (x_mm * x_mm + y_mm * y_mm).sqrt(), z_mm, chief),
                 None => (chief, 1.0),
             };
             let magnification = projection.magnification(z_mm);
@@ -158,7 +172,8 @@ mod tests {
         let ideal = table(|_| PointResponse { throughput: 1.0, radial_deviation_mm: 0.0, aberration_mm: 0.0 });
         let model = Model::new(&paper::instrument(), Some(ideal));
         let object_mm = [3.0, -1.0, 280.0];
-        for (image, chief) in model.images(object_mm, &FACING).into_iter().zip(model.chief_images(object_mm)) {
+        for band in [0, 1] {
+            let (image, chief) = (model.image(band, object_mm, &FACING), model.chief_image(band, object_mm));
             assert!((image.x_mm - chief.x_mm).abs() < 1e-12 && (image.y_mm - chief.y_mm).abs() < 1e-12);
         }
     }
@@ -170,7 +185,7 @@ mod tests {
         let model = Model::new(&paper::instrument(), Some(shaded));
         let object_mm = [8.0, 0.0, 300.0];
         let expected_mm = 0.51 * 0.25 * 0.25 / 8.0;
-        let shift_mm = model.images(object_mm, &FACING)[0].x_mm - model.chief_images(object_mm)[0].x_mm;
+        let shift_mm = model.image(0, object_mm, &FACING).x_mm - model.chief_image(0, object_mm).x_mm;
         assert!((shift_mm / expected_mm - 1.0).abs() < 0.02, "{shift_mm} {expected_mm}");
     }
 
@@ -182,7 +197,7 @@ mod tests {
         let tilt = 45.0_f64.to_radians();
         let disc = Disc { diameter_mm: 1.0, slopes: [tilt.tan(), 0.0] };
         let centre_mm = [0.0, 4.0, 300.0];
-        let [telecentric, entocentric] = model.images(centre_mm, &disc);
+        let [telecentric, entocentric] = [0, 1].map(|band| model.image(band, centre_mm, &disc));
         let [telecentric_chief, entocentric_chief] = model.chief_images(centre_mm);
         let expected_mm = -4.0 * tilt.tan() * 151.0 * (0.5 * tilt.cos()).powi(2) / 4.0 / 300.0_f64.powi(2);
         assert!(((entocentric.x_mm - entocentric_chief.x_mm) / expected_mm - 1.0).abs() < 1e-3);

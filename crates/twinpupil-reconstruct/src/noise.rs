@@ -27,11 +27,6 @@ impl Noise {
         }
     }
 
-    /// The same noise for codes that a pedestal was added to.
-    pub(crate) fn raised(self, pedestal: u16) -> Self {
-        Self { black_level: self.black_level + f64::from(pedestal), ..self }
-    }
-
     /// Variance of a pixel that reads `code`, codes².
     pub fn variance(&self, code: f64) -> f64 {
         self.floor_codes2 + self.slope_codes * (code - self.black_level).max(0.0)

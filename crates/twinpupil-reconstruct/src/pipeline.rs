@@ -1,19 +1,23 @@
 //! The whole way from a frame to points, as in Section 3 of the paper: planes, features, pairs, positions.
 
-use std::borrow::Cow;
 use std::sync::OnceLock;
 
 use thiserror::Error;
-use twinpupil_instrument::{Frame, FrameError, Instrument, PixelPoint, PlaneView, ResponseMatrix, ResponseTable, Role};
+use twinpupil_instrument::{
+    Band, Frame, FrameError, Instrument, PixelPoint, PlaneView, ResponseMatrix, ResponseTable, Role,
+};
 
 use crate::background::Polarity;
 use crate::detect::{DetectOptions, Detection, Detector, Estimator, Feature};
+use crate::further::{FurtherImage, Group, match_predicted};
 use crate::likelihood::joint::Workspace;
 use crate::likelihood::refine::{ForwardModel, Refined, Seed};
 use crate::matching::{Match, MatchOptions, pair_up};
 use crate::model::{Disc, Model};
 use crate::noise::Noise;
-use crate::position::{MeasuredPair, Position, first_order_position_mm, model_position, paper_position};
+use crate::planes::Planes;
+use crate::position::{Position, Sighting, first_order_position_mm, gamma, model_position, paper_position};
+use crate::register::{mapped_centre, onto_reference};
 use crate::rejection::{Rejection, RejectionReason};
 use crate::shading::Shading;
 use crate::slope::local_slopes;
@@ -72,12 +76,14 @@ pub struct Point {
     pub ambiguous: bool,
 }
 
-/// What a frame gives. In each band, features found = points + rejected.
+/// What a frame gives. In each band, features found = points that it shows + rejected.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Reconstruction {
     /// Points, by the row and column of their telecentric features.
     pub points: Vec<Point>,
-    /// Features of both bands that did not become part of a point.
+    /// What the bands beside the pair show of the points.
+    pub further: Vec<FurtherImage>,
+    /// Features of all bands that did not become part of a point.
     pub rejected: Vec<Rejection>,
 }
 
@@ -98,21 +104,32 @@ pub enum ReconstructError {
         /// Columns and rows of the sensor.
         sensor_px: [usize; 2],
     },
+    /// A band whose pixels stand turned or scaled, in model mode.
+    #[error(
+        "`band[{band}].registration` turns or scales; legal in model mode: a shift alone \
+         ([[1, 0, u], [0, 1, v], [0, 0, 1]]), or another mode"
+    )]
+    Registration {
+        /// Index of the band.
+        band: usize,
+    },
 }
 
-/// A frame without crosstalk, and the noise of its codes.
-struct Clean<'a> {
-    frame: Cow<'a, Frame>,
-    noise: Noise,
+/// A point with its features in the bands beside the pair.
+#[derive(Debug, Clone, PartialEq)]
+struct Placed {
+    point: Point,
+    further: Vec<Option<Feature>>,
 }
 
-impl<'a> Clean<'a> {
-    fn of(reconstructor: &Reconstructor, frame: &'a Frame) -> Result<Self, FrameError> {
-        let noise = Noise::of_sensor(&reconstructor.instrument.sensor, frame.code_max());
-        let Some(crosstalk) = &reconstructor.crosstalk else { return Ok(Self { frame: Cow::Borrowed(frame), noise }) };
-        let unmixed = crosstalk.unmixed(frame, &reconstructor.instrument)?;
-        let noise = noise.raised(unmixed.pedestal);
-        Ok(Self { frame: Cow::Owned(unmixed.into_frame(frame)?), noise })
+impl Placed {
+    /// The feature that shows it in a band of the model.
+    fn feature(&self, band: usize) -> Option<&Feature> {
+        match band {
+            0 => Some(&self.point.telecentric),
+            1 => Some(&self.point.entocentric),
+            _ => self.further.get(band - 2).and_then(Option::as_ref),
+        }
     }
 }
 
@@ -126,7 +143,8 @@ pub struct Reconstructor {
     model: Model,
     forward: ForwardModel,
     options: Options,
-    shadings: [OnceLock<Shading>; 2],
+    /// In the order of the model's bands.
+    shadings: Vec<OnceLock<Shading>>,
     crosstalk: Option<Crosstalk>,
 }
 
@@ -134,20 +152,14 @@ impl Reconstructor {
     /// A reconstructor for an instrument. `table` is the instrument's response, which the optics compute; without it
     /// (and in paper mode) every lens is taken to be ideal.
     pub fn new(instrument: Instrument, table: Option<ResponseTable>, options: Options) -> Self {
-        let [u, v] = instrument.sensor.axis_px;
-        let estimator = match options.mode {
-            Mode::Paper => Estimator::Radial { axis: PixelPoint { u, v } },
-            Mode::Centroid | Mode::Model => Estimator::Cartesian,
-        };
         let table = table.filter(|_| options.mode != Mode::Paper);
-        let bands = [Role::Telecentric, Role::Entocentric].map(|role| instrument.band_index(role));
-        let forward = ForwardModel::new(&instrument, table.as_ref(), &bands);
+        let forward = ForwardModel::new(&instrument, table.as_ref(), &instrument.bands_by_role());
         let model = Model::new(&instrument, table);
-        let options = Options { detect: DetectOptions { estimator, ..options.detect }, ..options };
-        Self { instrument, model, forward, options, shadings: Default::default(), crosstalk: None }
+        let shadings = vec![OnceLock::new(); model.bands()];
+        Self { instrument, model, forward, options, shadings, crosstalk: None }
     }
 
-    /// Takes the crosstalk between the two planes off every frame before anything is measured.
+    /// Takes the crosstalk between the planes off every frame before anything is measured.
     #[must_use]
     pub fn unmixing(self, response: &ResponseMatrix) -> Self {
         Self { crosstalk: Crosstalk::of(&self.instrument, response), ..self }
@@ -159,47 +171,57 @@ impl Reconstructor {
         if found_px != self.instrument.sensor.size_px {
             return Err(ReconstructError::Size { found_px, sensor_px: self.instrument.sensor.size_px });
         }
-        let clean = Clean::of(self, frame)?;
-        let telecentric = self.detect_clean(&clean, Role::Telecentric)?;
-        let entocentric = self.detect_clean(&clean, Role::Entocentric)?;
+        let planes = Planes::of(&self.instrument, self.crosstalk.as_ref(), frame)?;
+        // The paper knows of two bands.
+        let bands = if self.options.mode == Mode::Paper { 2 } else { self.model.bands() };
+        let detections = (0..bands).map(|band| self.detect_plane(&planes, band)).collect::<Result<Vec<_>, _>>()?;
         if self.options.mode != Mode::Model {
-            return Ok(self.points_from(telecentric, entocentric));
+            return Ok(self.points_from(&detections));
         }
-        let pairs = self.pair(&telecentric, &entocentric);
-        let points = self.points(&telecentric.features, &entocentric.features, &pairs);
-        let planes = [Role::Telecentric, Role::Entocentric].map(|role| {
-            let plane = clean.frame.plane(self.instrument.sensor.mosaic, &self.instrument.band(role).plane);
-            plane.map(|plane| (plane, clean.noise))
-        });
-        let [a, b] = planes;
-        let points = self.refined([a?, b?], [&telecentric, &entocentric], &pairs, points);
-        Ok(self.account(telecentric, entocentric, &pairs, points))
+        self.check_registrations()?;
+        let (groups, points) = self.placed(&detections);
+        let views = (0..bands).map(|band| planes.of_band(self.index(band))).collect::<Result<Vec<_>, _>>()?;
+        let refinement = self.refined(&views, &detections, &groups, points);
+        Ok(self.account(&detections, &groups, refinement))
+    }
+
+    /// The fit of pixels knows sensors that are shifted against each other, not turned or scaled.
+    fn check_registrations(&self) -> Result<(), ReconstructError> {
+        match self.instrument.bands.iter().position(|band| band.registration.shift_px().is_none()) {
+            Some(band) => Err(ReconstructError::Registration { band }),
+            None => Ok(()),
+        }
     }
 
     /// Points placed anew by what all pixels say.
     fn refined(
         &self,
-        planes: [(PlaneView<'_>, Noise); 2],
-        detections: [&Detection; 2],
-        pairs: &[Match],
-        mut points: Vec<Option<Point>>,
-    ) -> Vec<Option<Point>> {
-        let signs = detections.map(|detection| if detection.polarity == Polarity::Bright { 1.0 } else { -1.0 });
-        let background =
-            std::array::from_fn::<f64, 2, _>(|role| detections[role].background_codes - planes[role].1.black_level);
-        let seed = |point: &Point| Seed {
-            centre_mm: point.position_mm,
-            diameter_mm: point.diameter_mm,
-            contrast: vec![
-                Some(signs[0] * point.telecentric.height_codes),
-                Some(signs[1] * point.entocentric.height_codes),
-            ],
+        planes: &[(PlaneView<'_>, Noise)],
+        detections: &[Detection],
+        groups: &[Group],
+        mut points: Vec<Option<Placed>>,
+    ) -> Vec<Option<Placed>> {
+        let signs: Vec<f64> = detections
+            .iter()
+            .map(|detection| if detection.polarity == Polarity::Bright { 1.0 } else { -1.0 })
+            .collect();
+        let background: Vec<f64> = detections
+            .iter()
+            .zip(planes)
+            .map(|(detection, (_, noise))| detection.background_codes - noise.black_level)
+            .collect();
+        let seed = |placed: &Placed| Seed {
+            centre_mm: placed.point.position_mm,
+            diameter_mm: placed.point.diameter_mm,
+            contrast: (0..planes.len())
+                .map(|band| placed.feature(band).map(|feature| signs[band] * feature.height_codes))
+                .collect(),
             placed: true,
         };
         let mut seeds: Vec<Seed> = points.iter().flatten().map(seed).collect();
         let placed = seeds.len();
-        seeds.extend(self.lone_seeds(detections, signs, pairs, &points));
-        let refined = self.forward.refine(&planes, &seeds, &background, &mut Workspace::default());
+        seeds.extend(self.lone_seeds(detections, &signs, groups, &points));
+        let refined = self.forward.refine(planes, &seeds, &background, &mut Workspace::default());
         for (point, refined) in points.iter_mut().filter(|point| point.is_some()).zip(refined.into_iter().take(placed))
         {
             if let (Some(point), Some(refined)) = (point, refined) {
@@ -212,57 +234,59 @@ impl Reconstructor {
         points
     }
 
-    fn place(&self, point: &mut Point, refined: &Refined) {
+    fn place(&self, Placed { point, further }: &mut Placed, refined: &Refined) {
         let covariance = refined.position_covariance_mm2();
         point.position_mm = refined.dot.centre_mm;
         point.diameter_mm = refined.dot.diameter_mm;
         point.covariance_mm2 = std::array::from_fn(|i| std::array::from_fn(|k| covariance[(i, k)]));
         point.std_mm = std::array::from_fn(|i| covariance[(i, i)].sqrt());
         point.pixel_chi2 = Some(refined.reduced_chi2);
-        if let [Some(telecentric), Some(entocentric)] = refined.centres[..] {
-            for (feature, own) in [(&mut point.telecentric, telecentric), (&mut point.entocentric, entocentric)] {
-                feature.centre = own.centre;
-                feature.centre_std_px = own.std_px;
+        let [Some(_), Some(_), ..] = refined.centres[..] else { return };
+        let features = [Some(&mut point.telecentric), Some(&mut point.entocentric)].into_iter();
+        let features = features.chain(further.iter_mut().map(Option::as_mut)).enumerate();
+        for ((band, feature), own) in features.zip(&refined.centres) {
+            if let (Some(feature), Some(own)) = (feature, own) {
+                let registration = &self.band(band).registration;
+                (feature.centre, feature.centre_std_px) = mapped_centre(own.centre, own.std_px, registration);
             }
-            point.match_chi2 = telecentric.chi2 + entocentric.chi2;
-            point.match_dof = 2;
-            let images = [telecentric, entocentric].map(|own| self.instrument.sensor.image_from_pixel(own.centre));
-            point.gamma = images[0].radius_mm() / images[1].radius_mm();
-            let [t, e] = images;
-            point.azimuth_residual_px =
-                (t.x_mm * e.y_mm - t.y_mm * e.x_mm) / t.radius_mm().max(1e-12) / self.instrument.sensor.pitch_mm;
         }
+        // Every band tells a centre and a size, of which four numbers are the dot's.
+        let shown = refined.centres.iter().flatten();
+        point.match_chi2 = shown.clone().map(|own| own.chi2).sum();
+        point.match_dof = 3 * shown.count() - 4;
+        let images = [point.telecentric, point.entocentric]
+            .map(|feature| self.instrument.sensor.image_from_pixel(feature.centre));
+        point.gamma = images[0].radius_mm() / images[1].radius_mm();
+        let [t, e] = images;
+        point.azimuth_residual_px =
+            (t.x_mm * e.y_mm - t.y_mm * e.x_mm) / t.radius_mm().max(1e-12) / self.instrument.sensor.pitch_mm;
     }
 
     /// Features of one band that became no point, as dots somewhere along the line of sight.
     fn lone_seeds(
         &self,
-        detections: [&Detection; 2],
-        signs: [f64; 2],
-        pairs: &[Match],
-        points: &[Option<Point>],
+        detections: &[Detection],
+        signs: &[f64],
+        groups: &[Group],
+        points: &[Option<Placed>],
     ) -> Vec<Seed> {
-        let mut depths_mm: Vec<f64> = points.iter().flatten().map(|point| point.position_mm[2]).collect();
+        let mut depths_mm: Vec<f64> = points.iter().flatten().map(|placed| placed.point.position_mm[2]).collect();
         depths_mm.sort_by(f64::total_cmp);
         let z_mm = depths_mm.get(depths_mm.len() / 2).copied().unwrap_or(self.instrument.focus_distance_mm());
-        let magnifications = self.model.magnifications(z_mm);
         let mut seeds = Vec::new();
-        for role in 0..2 {
-            let detection = detections[role];
-            let paired = |index: usize| {
-                pairs
-                    .iter()
-                    .zip(points)
-                    .any(|(pair, point)| point.is_some() && [pair.telecentric, pair.entocentric][role] == index)
-            };
-            let alone = detection.features.iter().enumerate().filter(|(index, _)| !paired(*index)).map(|(_, f)| f);
+        for (band, detection) in detections.iter().enumerate() {
+            let mut is_shown = vec![false; detection.features.len()];
+            for (group, _) in groups.iter().zip(points).filter(|(_, point)| point.is_some()) {
+                group.feature(band).into_iter().for_each(|index| is_shown[index] = true);
+            }
+            let alone = detection.features.iter().zip(is_shown).filter(|(_, shown)| !shown).map(|(feature, _)| feature);
             let bystanders = detection.rejected.iter().map(|bystander| &bystander.feature);
             for feature in alone.chain(bystanders) {
                 let image = self.instrument.sensor.image_from_pixel(feature.centre);
-                let m = magnifications[role];
+                let m = self.model.magnification(band, z_mm);
                 let diameter_px = 2.0 * (feature.area_px / std::f64::consts::PI).sqrt();
-                let mut contrast = vec![None, None];
-                contrast[role] = Some(signs[role] * feature.height_codes);
+                let mut contrast = vec![None; detections.len()];
+                contrast[band] = Some(signs[band] * feature.height_codes);
                 seeds.push(Seed {
                     centre_mm: [image.x_mm / m, image.y_mm / m, z_mm],
                     diameter_mm: (diameter_px * self.instrument.sensor.pitch_mm / m).max(1e-3),
@@ -285,135 +309,203 @@ impl Reconstructor {
         )
     }
 
-    /// Pairs the features of the two bands and places the pairs: what [`Reconstructor::frame`] does once it has
-    /// detected.
-    pub fn points_from(&self, telecentric: Detection, entocentric: Detection) -> Reconstruction {
-        let pairs = self.pair(&telecentric, &entocentric);
-        let points = self.points(&telecentric.features, &entocentric.features, &pairs);
-        self.account(telecentric, entocentric, &pairs, points)
+    /// Index in the instrument of a band of the model.
+    fn index(&self, band: usize) -> usize {
+        self.model.index(band)
+    }
+
+    /// A band of the model.
+    fn band(&self, band: usize) -> &Band {
+        &self.instrument.bands[self.index(band)]
+    }
+
+    /// Pairs the features of the two bands, finds what the others show of the pairs, and places them: what
+    /// [`Reconstructor::frame`] does once it has detected. The telecentric and the entocentric band come first.
+    fn points_from(&self, detections: &[Detection]) -> Reconstruction {
+        let (groups, points) = self.placed(detections);
+        self.account(detections, &groups, points)
     }
 
     /// The features of the band with a role.
     pub fn detect(&self, frame: &Frame, role: Role) -> Result<Detection, FrameError> {
-        self.detect_clean(&Clean::of(self, frame)?, role)
+        self.detect_band(frame, self.instrument.band_index(role))
     }
 
-    fn detect_clean(&self, clean: &Clean<'_>, role: Role) -> Result<Detection, FrameError> {
-        let band = self.instrument.band(role);
-        let plane = clean.frame.plane(self.instrument.sensor.mosaic, &band.plane)?;
-        let shading = self.shading(role, &plane);
+    /// The features of a band, by its index in the instrument; none where there is no such band.
+    pub fn detect_band(&self, frame: &Frame, index: usize) -> Result<Detection, FrameError> {
+        let planes = Planes::of(&self.instrument, self.crosstalk.as_ref(), frame)?;
+        match (0..self.model.bands()).find(|band| self.model.index(*band) == index) {
+            Some(band) => self.detect_plane(&planes, band),
+            None => Ok(Detection::default()),
+        }
+    }
+
+    fn detect_plane(&self, planes: &Planes<'_>, band: usize) -> Result<Detection, FrameError> {
+        let (plane, noise) = planes.of_band(self.index(band))?;
+        let stated = self.band(band);
+        let [u, v] = self.instrument.axis_px(stated);
+        let estimator = match self.options.mode {
+            Mode::Paper => Estimator::Radial { axis: PixelPoint { u, v } },
+            Mode::Centroid | Mode::Model => Estimator::Cartesian,
+        };
+        let options = DetectOptions { estimator, ..self.options.detect };
         let mut detection = Detection::default();
-        Detector::new(self.options.detect).detect_shaded(&plane, Some(&clean.noise), shading, &mut detection);
+        Detector::new(options).detect_shaded(&plane, Some(&noise), self.shading(band, &plane), &mut detection);
+        onto_reference(&mut detection, &stated.registration);
         Ok(detection)
     }
 
     /// What the masks leave of an even ground, computed with the first frame; `None` without a response table, or for
     /// planes of another size.
-    fn shading(&self, role: Role, plane: &PlaneView<'_>) -> Option<&Shading> {
-        let (table, band) = self.model.table(role)?;
-        let place = match role {
-            Role::Telecentric => &self.shadings[0],
-            Role::Entocentric => &self.shadings[1],
-        };
-        let shading = place.get_or_init(|| Shading::of(table, band, &self.instrument.sensor, plane));
+    fn shading(&self, band: usize, plane: &PlaneView<'_>) -> Option<&Shading> {
+        let (table, index) = self.model.table(band)?;
+        let shading = self.shadings[band].get_or_init(|| Shading::of(table, index, &self.instrument, plane));
         shading.fits(plane).then_some(shading)
     }
 
     /// Puts points together, and whatever is left into rejections.
-    fn account(
-        &self,
-        telecentric: Detection,
-        entocentric: Detection,
-        pairs: &[Match],
-        points: Vec<Option<Point>>,
-    ) -> Reconstruction {
-        let mut fates = [&telecentric, &entocentric]
-            .map(|detection| vec![Some(RejectionReason::NoPartner); detection.features.len()]);
-        for (pair, point) in pairs.iter().zip(&points) {
-            let fate = if point.is_some() { None } else { Some(RejectionReason::NoDepth) };
-            fates[0][pair.telecentric] = fate;
-            fates[1][pair.entocentric] = fate;
-        }
+    fn account(&self, detections: &[Detection], groups: &[Group], points: Vec<Option<Placed>>) -> Reconstruction {
         let mut rejected = Vec::new();
-        for ((detection, fates), role) in
-            [telecentric, entocentric].into_iter().zip(fates).zip([Role::Telecentric, Role::Entocentric])
-        {
-            let band = &self.instrument.band(role).name;
-            rejected.extend(detection.rejected.iter().map(|bystander| bystander.rejection(band)));
+        for (band, detection) in detections.iter().enumerate() {
+            let mut fates = vec![Some(RejectionReason::NoPartner); detection.features.len()];
+            for (group, point) in groups.iter().zip(&points) {
+                let fate = if point.is_some() { None } else { Some(RejectionReason::NoDepth) };
+                group.feature(band).into_iter().for_each(|index| fates[index] = fate);
+            }
+            let name = &self.band(band).name;
+            rejected.extend(detection.rejected.iter().map(|bystander| bystander.rejection(name)));
             rejected.extend(detection.features.iter().zip(fates).filter_map(|(feature, fate)| {
                 Some(Rejection {
-                    band: band.clone(),
+                    band: name.clone(),
                     position: feature.centre,
                     area_px: feature.area_px,
                     reason: fate?,
                 })
             }));
         }
-        Reconstruction { points: points.into_iter().flatten().collect(), rejected }
+        let mut further = Vec::new();
+        let placed: Vec<Placed> = points.into_iter().flatten().collect();
+        for (point, placed) in placed.iter().enumerate() {
+            let images = placed.further.iter().enumerate().filter_map(|(band, feature)| Some((band + 2, (*feature)?)));
+            further.extend(images.map(|(band, feature)| FurtherImage { point, band: self.index(band), feature }));
+        }
+        Reconstruction { points: placed.into_iter().map(|placed| placed.point).collect(), further, rejected }
     }
 
-    /// The point of every pair; first as if all features faced the camera, then with the tilt of the surface that
-    /// their neighbours show.
-    fn points(&self, telecentric: &[Feature], entocentric: &[Feature], pairs: &[Match]) -> Vec<Option<Point>> {
-        let point = |pair: &Match, before: Option<&Point>, slopes: [f64; 2]| {
-            self.point([telecentric[pair.telecentric], entocentric[pair.entocentric]], pair, before, slopes)
-        };
-        let mut points: Vec<Option<Point>> = pairs.iter().map(|pair| point(pair, None, [0.0; 2])).collect();
-        if self.options.mode != Mode::Centroid {
-            return points;
+    /// The point of every pair; first by the pair alone and as if all features faced the camera, then with the tilt of
+    /// the surface that their neighbours show and with what the further bands show at the place where it is predicted.
+    fn placed(&self, detections: &[Detection]) -> (Vec<Group>, Vec<Option<Placed>>) {
+        let pairs = self.pair(&detections[0], &detections[1]);
+        let mut groups: Vec<Group> = pairs.into_iter().map(Group::of).collect();
+        let point =
+            |group: &Group, before: Option<&Placed>, slopes: [f64; 2]| self.point(detections, group, before, slopes);
+        let mut points: Vec<Option<Placed>> = groups.iter().map(|group| point(group, None, [0.0; 2])).collect();
+        if self.options.mode == Mode::Paper {
+            return (groups, points);
         }
-        for _ in 0..TILT_ROUNDS {
-            let known: Vec<[f64; 3]> = points.iter().flatten().map(|point| point.position_mm).collect();
+        self.find_further(detections, &mut groups, &points);
+        // The fit of pixels finds slopes by itself.
+        let rounds = if self.options.mode == Mode::Centroid { TILT_ROUNDS } else { 0 };
+        for _ in 0..rounds {
+            let known: Vec<[f64; 3]> = points.iter().flatten().map(|placed| placed.point.position_mm).collect();
             let mut slopes = local_slopes(&known, &known).into_iter();
-            for (place, pair) in points.iter_mut().zip(pairs) {
+            for (place, group) in points.iter_mut().zip(&groups) {
                 if let Some(before) = place {
-                    *place = slopes
-                        .next()
-                        .and_then(|slopes| point(pair, Some(before), slopes.unwrap_or_default()))
-                        .or(*place);
+                    let again = slopes.next().and_then(|slopes| point(group, Some(before), slopes.unwrap_or_default()));
+                    if again.is_some() {
+                        *place = again;
+                    }
                 }
             }
         }
-        points
+        if rounds == 0 && detections.len() > 2 {
+            for (place, group) in points.iter_mut().zip(&groups) {
+                let again = place.as_ref().and_then(|before| point(group, Some(before), [0.0; 2]));
+                *place = again.or_else(|| place.take());
+            }
+        }
+        (groups, points)
     }
 
-    /// The point of one pair on a surface with slopes; what was known of it before tells its size.
-    fn point(&self, features: [Feature; 2], pair: &Match, before: Option<&Point>, slopes: [f64; 2]) -> Option<Point> {
+    /// Adds to every group what the further bands show where its point is predicted.
+    fn find_further(&self, detections: &[Detection], groups: &mut [Group], points: &[Option<Placed>]) {
+        for (band, detection) in detections.iter().enumerate().skip(2) {
+            let predicted: Vec<Option<PixelPoint>> = points
+                .iter()
+                .map(|placed| {
+                    let Point { position_mm, diameter_mm, .. } = placed.as_ref()?.point;
+                    let image = self.model.image(band, position_mm, &Disc { diameter_mm, slopes: [0.0; 2] });
+                    Some(self.instrument.sensor.pixel_from_image(image))
+                })
+                .collect();
+            let found = match_predicted(&predicted, &detection.features, self.options.matching.prediction_tolerance_px);
+            groups.iter_mut().zip(found).for_each(|(group, feature)| group.further.push(feature));
+        }
+    }
+
+    /// Where a band sees a feature.
+    fn sighting(&self, band: usize, feature: &Feature) -> Sighting {
         let sensor = &self.instrument.sensor;
-        let measured = MeasuredPair {
-            images: features.map(|feature| sensor.image_from_pixel(feature.centre)),
-            std_mm: features.map(|feature| feature.centre_std_px.map(|std_px| std_px * sensor.pitch_mm)),
-        };
+        let image = sensor.image_from_pixel(feature.centre);
+        Sighting { band, image, std_mm: feature.centre_std_px.map(|std_px| std_px * sensor.pitch_mm) }
+    }
+
+    /// The point of one group on a surface with slopes; what was known of it before tells its size.
+    fn point(
+        &self,
+        detections: &[Detection],
+        group: &Group,
+        before: Option<&Placed>,
+        slopes: [f64; 2],
+    ) -> Option<Placed> {
+        let feature = |band: usize| group.feature(band).map(|index| detections[band].features[index]);
+        let features = [feature(0)?, feature(1)?];
+        let further: Vec<Option<Feature>> = (2..2 + group.further.len()).map(feature).collect();
+        let measured = [self.sighting(0, &features[0]), self.sighting(1, &features[1])];
         let start_mm = match before {
-            Some(point) => point.position_mm,
+            Some(placed) => placed.point.position_mm,
             None => first_order_position_mm(&self.instrument, &self.model, &measured)?,
         };
         // A tilted disc looks smaller by the cosine of its tilt.
         let foreshortening = 1.0 / (1.0 + slopes[0].powi(2) + slopes[1].powi(2)).sqrt();
         let diameter_mm = self.apparent_diameter_mm(&features, start_mm[2]) / foreshortening.sqrt();
+        let mut sightings = measured.to_vec();
+        let others =
+            further.iter().enumerate().filter_map(|(k, feature)| Some(self.sighting(2 + k, feature.as_ref()?)));
+        sightings.extend(others);
         let position = match self.options.mode {
             Mode::Paper => paper_position(&self.instrument, &self.model, &measured),
             Mode::Centroid | Mode::Model => {
-                model_position(&self.model, &measured, &Disc { diameter_mm, slopes }, start_mm)
+                model_position(&self.model, &sightings, &Disc { diameter_mm, slopes }, start_mm)
             }
         }?;
-        let Position { position_mm, covariance_mm2 } = position;
-        let azimuth_std_px = features.iter().map(|f| f.centre_std_px[0].max(f.centre_std_px[1])).fold(0.0, f64::hypot);
+        let Position { position_mm, covariance_mm2, chi2 } = position;
+        let Match { azimuth_residual_px, ambiguous, .. } = group.pair;
+        // What a pair leaves is how far it lies beside its azimuth.
+        let (match_chi2, match_dof) = match sightings.len() {
+            2 => {
+                let azimuth_std_px =
+                    features.iter().map(|f| f.centre_std_px[0].max(f.centre_std_px[1])).fold(0.0, f64::hypot);
+                ((azimuth_residual_px / azimuth_std_px.max(1e-9)).powi(2), 1)
+            }
+            images => (chi2, 2 * images - 3),
+        };
         let finite = position_mm.iter().chain(&position.std_mm()).all(|value| value.is_finite());
-        finite.then(|| Point {
+        let point = Point {
             position_mm,
             std_mm: position.std_mm(),
             covariance_mm2: std::array::from_fn(|i| std::array::from_fn(|k| covariance_mm2[(i, k)])),
-            match_chi2: (pair.azimuth_residual_px / azimuth_std_px.max(1e-9)).powi(2),
-            match_dof: 1,
+            match_chi2,
+            match_dof,
             pixel_chi2: None,
-            gamma: measured.gamma(),
+            gamma: gamma(&measured),
             telecentric: features[0],
             entocentric: features[1],
-            azimuth_residual_px: pair.azimuth_residual_px,
+            azimuth_residual_px,
             diameter_mm,
-            ambiguous: pair.ambiguous,
-        })
+            ambiguous,
+        };
+        finite.then_some(Placed { point, further })
     }
 
     /// Diameter of the disc of the outlines' area, facing the camera: from the larger of the two outlines, since the

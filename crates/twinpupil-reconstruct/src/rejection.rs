@@ -52,7 +52,8 @@ pub enum RejectionReason {
     /// Its centre could not be measured.
     NoCentre,
     /// No feature of the other band lies on its azimuth within the depth range, a better pair took it, or its pair lay
-    /// far beside the azimuth where the frame's other pairs did not.
+    /// far beside the azimuth where the frame's other pairs did not; in a band beside the pair: no point is predicted
+    /// there.
     NoPartner,
     /// Its pair lies on the axis, or its radii belong to no depth in the range.
     NoDepth,

@@ -1,125 +1,170 @@
-//! Crosstalk: a plane sees a little of the other band too. Where the response is known, it is taken off.
+//! Crosstalk: a plane sees a little of the other bands too. Where the response is known, it is taken off.
 
-use twinpupil_instrument::{Frame, FrameError, Instrument, PlaneView, ResponseMatrix, Role};
+use nalgebra::DMatrix;
+use twinpupil_instrument::{Frame, FrameError, Instrument, PixelPoint, PlaneView, Registration, ResponseMatrix};
 
-/// How much of the other band each of the two planes sees; each sees its own with a response of 1.
-#[derive(Debug, Clone, Copy, PartialEq)]
+use crate::noise::Noise;
+
+/// How the light of every band follows from the codes of all planes.
+#[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Crosstalk {
-    /// Entocentric light in the telecentric plane.
-    in_telecentric: f64,
-    /// Telecentric light in the entocentric plane.
-    in_entocentric: f64,
+    /// Row i: signal in the plane of band i from unit light of every band.
+    response: DMatrix<f64>,
+    /// Its inverse.
+    unmixing: DMatrix<f64>,
 }
 
 /// Codes that are added to an unmixed plane, so that noise about zero is kept.
 const PEDESTAL: u16 = 64;
 
+/// How much larger unmixing makes the noise of the noisiest plane, `max √Σ W²`; `None` where the bands cannot be told
+/// apart.
+pub fn noise_gain(instrument: &Instrument, response: &ResponseMatrix) -> Option<f64> {
+    let unmixing = seen_by_planes(instrument, response).try_inverse()?;
+    let gain = unmixing.row_iter().map(|row| row.norm()).fold(0.0, f64::max);
+    gain.is_finite().then_some(gain)
+}
+
+/// Row i: signal in the plane of band i from unit light of every band.
+fn seen_by_planes(instrument: &Instrument, response: &ResponseMatrix) -> DMatrix<f64> {
+    let rows: Vec<Vec<f64>> = instrument.bands.iter().map(|band| response.of_plane(&band.plane)).collect();
+    let seen = |plane: usize, band: usize| rows[plane].get(band).copied().unwrap_or(0.0);
+    DMatrix::from_fn(rows.len(), rows.len(), seen)
+}
+
 impl Crosstalk {
-    /// The crosstalk of an instrument's two planes; `None` where there is none.
+    /// The crosstalk of an instrument's planes; `None` where there is none, or where the bands cannot be told apart.
     pub(crate) fn of(instrument: &Instrument, response: &ResponseMatrix) -> Option<Self> {
-        let [telecentric, entocentric] = [Role::Telecentric, Role::Entocentric];
-        let seen = |plane: Role, band: Role| {
-            response.of_plane(&instrument.band(plane).plane).get(instrument.band_index(band)).copied().unwrap_or(0.0)
-        };
-        let crosstalk =
-            Self { in_telecentric: seen(telecentric, entocentric), in_entocentric: seen(entocentric, telecentric) };
-        let some = crosstalk.in_telecentric != 0.0 || crosstalk.in_entocentric != 0.0;
-        (some && crosstalk.determinant() > 0.0).then_some(crosstalk)
+        let response = seen_by_planes(instrument, response);
+        if response == DMatrix::identity(response.nrows(), response.ncols()) {
+            return None;
+        }
+        let unmixing =
+            response.clone().try_inverse().filter(|inverse| inverse.iter().all(|value| value.is_finite()))?;
+        Some(Self { response, unmixing })
     }
 
-    fn determinant(&self) -> f64 {
-        1.0 - self.in_telecentric * self.in_entocentric
-    }
-
-    /// The frame with each band's plane freed of the other band's light, and [`PEDESTAL`] codes brighter.
+    /// Noise of the unmixed codes of a band where the planes' own have `noise`.
     ///
     /// ```text
-    /// R = (r − m b) / (1 − m m′)        r: the plane, b: the other at the same place, m, m′: their crosstalk
+    /// S_i = Σ_j W_ij r_j,  r_j = Σ_k M_jk S_k        W = M⁻¹, r: codes above black, S: light of the bands
+    /// var S_i = Σ_j W_ij² (floor + slope r_j)
     /// ```
     ///
-    /// On a mosaic b lies between the other plane's pixels and is interpolated. It is only a correction of some
-    /// percent: what is measured stays on its own lattice. Saturated pixels stay saturated.
-    pub(crate) fn unmixed(&self, frame: &Frame, instrument: &Instrument) -> Result<Unmixed, FrameError> {
-        let pedestal = PEDESTAL.min(u16::MAX - frame.code_max());
-        let mut unmixed = Unmixed { pages: frame.pages().to_vec(), code_max: frame.code_max() + pedestal, pedestal };
-        let [telecentric, entocentric] = [Role::Telecentric, Role::Entocentric];
-        for (own, other, share) in
-            [(telecentric, entocentric, self.in_telecentric), (entocentric, telecentric, self.in_entocentric)]
-        {
-            let site = |role: Role| instrument.sensor.mosaic.site(&instrument.band(role).plane);
-            let plane = |role: Role| frame.plane(instrument.sensor.mosaic, &instrument.band(role).plane);
-            let (plane, other) = (plane(own)?, plane(other)?);
-            let page = site(own).map_or(0, |site| site.page);
-            let mixing = Mixing { share, scale: 1.0 / self.determinant(), black: instrument.sensor.black_level.into() };
-            unmixed.replace(page, frame.width_px(), &plane, &other, mixing);
+    /// What light the other bands have at the same place is not known beforehand: they are taken to be as bright as the
+    /// band itself, which is right where their images overlap and a little too much where they do not. Codes between
+    /// the pixels of a lattice are means of several, but neighbours share them: over the pixels of a feature they
+    /// scatter as one code each does.
+    pub(crate) fn noise(&self, band: usize, noise: Noise) -> Noise {
+        const ROUNDING_CODES2: f64 = 1.0 / 12.0;
+        let squares = self.unmixing.row(band).map(|weight| weight * weight);
+        let light: f64 = (squares.clone() * &self.response).sum();
+        Noise {
+            floor_codes2: noise.floor_codes2 * squares.sum() + ROUNDING_CODES2,
+            slope_codes: noise.slope_codes * light,
+            black_level: noise.black_level + f64::from(PEDESTAL),
         }
-        Ok(unmixed)
+    }
+
+    /// The frame with each band's plane freed of the other bands' light, and [`PEDESTAL`] codes brighter.
+    ///
+    /// ```text
+    /// S_i = Σ_j W_ij r_j
+    /// ```
+    ///
+    /// On a mosaic the other r_j lie between their planes' pixels and are interpolated; so they are between the pixels
+    /// of another sensor. It is only a correction: what is measured stays on its own lattice. Saturated pixels stay
+    /// saturated.
+    pub(crate) fn unmixed(&self, frame: &Frame, instrument: &Instrument) -> Result<Frame, FrameError> {
+        let bands = &instrument.bands;
+        let planes = bands.iter().map(|band| instrument.plane(frame, band)).collect::<Result<Vec<_>, _>>()?;
+        let code_max = frame.code_max().saturating_add(PEDESTAL);
+        let mut pages = frame.pages().to_vec();
+        for (band, stated) in bands.iter().enumerate() {
+            let own = Own { plane: &planes[band], weight: self.unmixing[(band, band)] };
+            let others: Vec<Other<'_>> = (0..bands.len())
+                .filter(|other| *other != band && self.unmixing[(band, *other)] != 0.0)
+                .map(|other| Other {
+                    plane: &planes[other],
+                    weight: self.unmixing[(band, other)],
+                    there: Way::between(stated.registration, bands[other].registration),
+                })
+                .collect();
+            let black = Noise::of_sensor(&instrument.sensor, frame.code_max()).black_level;
+            own.replace(&others, black, code_max, frame.width_px(), &mut pages[instrument.site(stated).page]);
+        }
+        Frame::new(frame.width_px(), frame.height_px(), code_max, pages)
     }
 }
 
-/// How one plane is unmixed.
-#[derive(Debug, Clone, Copy)]
-struct Mixing {
-    /// The other band's light in the plane.
-    share: f64,
-    /// One over the determinant.
-    scale: f64,
-    /// Code of a pixel without light.
-    black: f64,
+/// The plane that is unmixed.
+struct Own<'a> {
+    plane: &'a PlaneView<'a>,
+    weight: f64,
 }
 
-/// Pages without crosstalk.
-#[derive(Debug, Clone)]
-pub(crate) struct Unmixed {
-    pages: Vec<Vec<u16>>,
-    code_max: u16,
-    /// Codes added to every pixel.
-    pub(crate) pedestal: u16,
-}
-
-impl Unmixed {
-    /// The frame of the pages, of the size that the mixed frame had.
-    pub(crate) fn into_frame(self, mixed: &Frame) -> Result<Frame, FrameError> {
-        Frame::new(mixed.width_px(), mixed.height_px(), self.code_max, self.pages)
-    }
-
-    fn replace(&mut self, page: usize, width_px: usize, plane: &PlaneView<'_>, other: &PlaneView<'_>, mixing: Mixing) {
+impl Own<'_> {
+    fn replace(&self, others: &[Other<'_>], black: f64, code_max: u16, width_px: usize, page: &mut [u16]) {
+        let plane = self.plane;
         for row in 0..plane.rows {
-            let between = Between::rows(other, plane.frame_v_px(row as f64));
             let start = (plane.origin_px[1] + row * plane.step_px) * width_px + plane.origin_px[0];
+            let v = plane.frame_v_px(row as f64);
             for (column, code) in plane.row(row).enumerate() {
-                let beside = between.at(other, plane.frame_u_px(column as f64)) - mixing.black;
-                let own = (f64::from(code) - mixing.black - mixing.share * beside) * mixing.scale;
-                let shifted = (own + mixing.black + f64::from(self.pedestal)).round();
-                let limit = f64::from(self.code_max - 1);
-                self.pages[page][start + column * plane.step_px] =
-                    if code == plane.code_max { self.code_max } else { shifted.clamp(0.0, limit) as u16 };
+                let here = PixelPoint { u: plane.frame_u_px(column as f64), v };
+                let beside: f64 = others.iter().map(|other| other.weight * (other.code_at(here) - black)).sum();
+                let light = self.weight * (f64::from(code) - black) + beside;
+                let shifted = (light + black + f64::from(PEDESTAL)).round();
+                page[start + column * plane.step_px] =
+                    if code == plane.code_max { code_max } else { shifted.clamp(0.0, f64::from(code_max)) as u16 };
             }
         }
     }
 }
 
-/// Two rows of a plane and how far between them.
-struct Between {
-    rows: [usize; 2],
-    fraction: f64,
+/// A plane whose light is taken off.
+struct Other<'a> {
+    plane: &'a PlaneView<'a>,
+    weight: f64,
+    there: Way,
 }
 
-impl Between {
-    fn rows(plane: &PlaneView<'_>, v_px: f64) -> Self {
-        let (rows, fraction) = neighbours(v_px, plane.origin_px[1], plane.step_px, plane.rows);
-        Self { rows, fraction }
+/// From the pixels of one band's page to those of another's.
+enum Way {
+    Same,
+    Through { reference_from_own: Registration, other_from_reference: Registration },
+}
+
+impl Way {
+    fn between(own: Registration, other: Registration) -> Self {
+        match own == other {
+            true => Self::Same,
+            false => Self::Through { reference_from_own: own, other_from_reference: other.inverse() },
+        }
     }
 
-    /// Code at a column of the frame, bilinear.
-    fn at(&self, plane: &PlaneView<'_>, u_px: f64) -> f64 {
-        let (columns, fraction) = neighbours(u_px, plane.origin_px[0], plane.step_px, plane.columns);
+    fn map(&self, here: PixelPoint) -> PixelPoint {
+        match self {
+            Self::Same => here,
+            Self::Through { reference_from_own, other_from_reference } => {
+                other_from_reference.map(reference_from_own.map(here))
+            }
+        }
+    }
+}
+
+impl Other<'_> {
+    /// Code at a place of the own page, bilinear; the last pixel's beyond the ends.
+    fn code_at(&self, here: PixelPoint) -> f64 {
+        let plane = self.plane;
+        let there = self.there.map(here);
+        let (columns, across) = neighbours(there.u, plane.origin_px[0], plane.step_px, plane.columns);
+        let (rows, down) = neighbours(there.v, plane.origin_px[1], plane.step_px, plane.rows);
         let along = |row: usize| {
             let [a, b] = columns.map(|column| f64::from(plane.code(column, row)));
-            a + fraction * (b - a)
+            a + across * (b - a)
         };
-        let [upper, lower] = self.rows.map(along);
-        upper + self.fraction * (lower - upper)
+        let [upper, lower] = rows.map(along);
+        upper + down * (lower - upper)
     }
 }
 
@@ -133,31 +178,35 @@ fn neighbours(position_px: f64, origin_px: usize, step_px: usize, count: usize) 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use twinpupil_instrument::{Mosaic, paper};
+    use twinpupil_instrument::{Mosaic, builtin, paper};
+
+    fn crosstalk(instrument: &Instrument, rows: &[Vec<f64>]) -> Crosstalk {
+        Crosstalk::of(instrument, &ResponseMatrix::from_rows(&instrument.bands, rows)).expect("some crosstalk")
+    }
 
     #[test]
     fn mixed_slopes_are_unmixed_to_a_code() {
-        let (red, blue) =
-            (|u: usize, v: usize| (1000 + 3 * u + v) as f64, |u: usize, v: usize| (2000 - 2 * u + v) as f64);
-        let crosstalk = Crosstalk { in_telecentric: 0.06, in_entocentric: 0.11 };
+        let light = [
+            |u: f64, v: f64| 1000.0 + 3.0 * u + v,
+            |u: f64, v: f64| 2000.0 - 2.0 * u + v,
+            |u: f64, v: f64| 500.0 + u - 2.0 * v,
+        ];
+        let instrument = Instrument::from_toml(builtin::toml("three-bands").unwrap()).unwrap();
+        let rows = [vec![1.0, 0.06, 0.1], vec![0.11, 1.0, 0.08], vec![0.04, 0.09, 1.0]];
         let code = |index: usize| {
             let (u, v) = (index % 80, index / 80);
-            let mixed = match (u % 2, v % 2) {
-                (0, 0) => red(u, v) + crosstalk.in_telecentric * blue(u, v),
-                (1, 1) => blue(u, v) + crosstalk.in_entocentric * red(u, v),
-                _ => 0.0,
-            };
-            mixed.round() as u16
+            let plane = Mosaic::Rggb.plane_of(0, u, v);
+            let band = instrument.bands.iter().position(|band| band.plane == plane).unwrap();
+            (0..3).map(|k| rows[band][k] * light[k](u as f64, v as f64)).sum::<f64>().round() as u16
         };
         let frame = Frame::new(80, 60, 4095, vec![(0..80 * 60).map(code).collect()]).expect("a frame");
-        let unmixed = crosstalk.unmixed(&frame, &paper::instrument()).expect("a frame");
-        let unmixed = unmixed.into_frame(&frame).expect("a frame");
-        for (plane, true_code) in [("r", &red as &dyn Fn(usize, usize) -> f64), ("b", &blue)] {
-            let view = unmixed.plane(Mosaic::Rggb, plane).expect("a Bayer frame");
+        let unmixed = crosstalk(&instrument, &rows).unmixed(&frame, &instrument).expect("a frame");
+        for (band, true_code) in instrument.bands.iter().zip(light) {
+            let view = instrument.plane(&unmixed, band).expect("a Bayer frame");
             for (row, column) in (1..29).flat_map(|row| (1..39).map(move |column| (row, column))) {
                 let found = f64::from(view.code(column, row)) - f64::from(PEDESTAL);
-                let (u, v) = (view.frame_u_px(column as f64) as usize, view.frame_v_px(row as f64) as usize);
-                assert!((found - true_code(u, v)).abs() <= 1.2, "{plane} {u} {v}: {found}");
+                let (u, v) = (view.frame_u_px(column as f64), view.frame_v_px(row as f64));
+                assert!((found - true_code(u, v)).abs() <= 1.3, "{} {u} {v}: {found}", band.name);
             }
         }
     }
@@ -166,5 +215,51 @@ mod tests {
     fn an_ideal_response_has_no_crosstalk() {
         let instrument = paper::instrument();
         assert_eq!(Crosstalk::of(&instrument, &ResponseMatrix::ideal(&instrument.bands)), None);
+    }
+
+    #[test]
+    fn bands_that_look_alike_are_not_unmixed() {
+        let instrument = paper::instrument();
+        let alike = ResponseMatrix::from_rows(&instrument.bands, &[vec![1.0, 1.0], vec![1.0, 1.0]]);
+        assert_eq!(Crosstalk::of(&instrument, &alike), None);
+    }
+
+    #[test]
+    fn the_noise_of_a_difference_is_that_of_both_codes() {
+        // S = (r − m r′)/(1 − m m′) with r = r′ where both bands are alike and m = m′.
+        let instrument = paper::instrument();
+        let m = 0.25;
+        let crosstalk = crosstalk(&instrument, &[vec![1.0, m], vec![m, 1.0]]);
+        let noise = Noise { floor_codes2: 2.0, slope_codes: 0.125, black_level: 10.0 };
+        let unmixed = crosstalk.noise(0, noise);
+        let (light, gain) = (1000.0, (1.0 + m * m) / (1.0 - m * m).powi(2));
+        let by_hand = gain * (2.0 + 0.125 * light * (1.0 + m)) + 1.0 / 12.0;
+        let code = light + 10.0 + f64::from(PEDESTAL);
+        assert!((unmixed.variance(code) / by_hand - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn unmixed_pixels_scatter_as_their_noise_says() {
+        let mut spec = paper::instrument().into_spec();
+        spec.sensor.mosaic = Mosaic::Rgb;
+        let instrument = Instrument::new(spec).expect("legal");
+        let rows = [vec![1.0, 0.4], vec![0.3, 1.0]];
+        // A cheap scatter of uniform numbers, of variance 64²/12, on both planes.
+        let mut state = 1_u64;
+        let mut draw = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            1000 + (state >> 58) as u16
+        };
+        let mut page = || (0..200 * 200).map(|_| draw()).collect::<Vec<u16>>();
+        let frame = Frame::new(200, 200, 4095, vec![page(), page(), page()]).expect("a frame");
+        let crosstalk = crosstalk(&instrument, &rows);
+        let unmixed = crosstalk.unmixed(&frame, &instrument).expect("a frame");
+        let view = instrument.plane(&unmixed, &instrument.bands[0]).expect("a page");
+        let codes: Vec<f64> = (0..200).flat_map(|row| view.row(row).map(f64::from).collect::<Vec<_>>()).collect();
+        let mean = codes.iter().sum::<f64>() / codes.len() as f64;
+        let variance = codes.iter().map(|code| (code - mean).powi(2)).sum::<f64>() / codes.len() as f64;
+        let floor_codes2 = (64.0 * 64.0 - 1.0) / 12.0;
+        let noise = crosstalk.noise(0, Noise { floor_codes2, slope_codes: 0.0, black_level: 0.0 });
+        assert!((variance / noise.floor_codes2 - 1.0).abs() < 0.03, "{variance} {}", noise.floor_codes2);
     }
 }

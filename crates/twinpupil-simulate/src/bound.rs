@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use rayon::prelude::*;
-use twinpupil_instrument::{Instrument, ResponseMatrix, Sensor, Site};
+use twinpupil_instrument::{Instrument, ResponseMatrix, Sensor};
 use twinpupil_optics::Camera;
 
 use crate::render::{Renderer, Workspace};
@@ -88,9 +88,9 @@ impl DotInformation {
         let pages = expected_electrons(instrument, scene, response, pupil_samples, &|_| {})?.pages;
         let precision: Vec<_> = pages.iter().map(|page| precision(&instrument.sensor, page)).collect();
         let camera = Camera::new(instrument)?;
-        let renderer = Renderer::new(instrument, &camera, scene, pupil_samples);
-        let planes: Vec<_> = (0..instrument.bands.len())
-            .map(|band| Plane::new(&renderer, instrument, response, band, &precision))
+        let renderer = |registration| Renderer::new(instrument, &camera, scene, pupil_samples, registration);
+        let planes: Vec<_> = (instrument.bands.iter().enumerate())
+            .map(|(band, stated)| Plane::new(&renderer(stated.registration), instrument, response, band, &precision))
             .collect();
         Ok(Self::of_planes(&planes, scene.dots().len(), instrument.sensor.size_px[0]))
     }
@@ -192,8 +192,7 @@ impl<'a> Plane<'a> {
     ) -> Self {
         let stated = &instrument.bands[band];
         let response = response.of_plane(&stated.plane).get(band).copied().unwrap_or(0.0);
-        let site = instrument.sensor.mosaic.site(&stated.plane);
-        let site = site.unwrap_or(Site { page: 0, origin_px: [0, 0], step_px: 1 });
+        let site = instrument.site(stated);
         let dots = renderer
             .patches(band, site)
             .into_par_iter()

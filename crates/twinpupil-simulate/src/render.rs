@@ -1,7 +1,7 @@
 //! The light that every pixel receives in every band, integrated over the pupil and the pixel.
 
 use rayon::prelude::*;
-use twinpupil_instrument::{ImagePoint, Instrument, PixelPoint, Projection, Sensor};
+use twinpupil_instrument::{ImagePoint, Instrument, PixelPoint, Projection, Registration, Sensor};
 use twinpupil_optics::{BandOptics, Camera, ObjectRays, RayLedger, RayStarts};
 
 use crate::bundle::{Bundle, Sight};
@@ -29,6 +29,8 @@ const SHADOW_MM_MAX: f64 = 1e6;
 pub(crate) struct Renderer<'a> {
     pub(crate) scene: &'a Scene,
     pub(crate) sensor: &'a Sensor,
+    /// Where the pixels lie on the reference frame.
+    registration: Registration,
     pub(crate) bands: Vec<BandView<'a>>,
     index: DotIndex,
     bank: SampleBank,
@@ -44,6 +46,7 @@ const FINENESS: usize = 4;
 pub(crate) struct BandView<'a> {
     pub(crate) optics: &'a BandOptics,
     projection: Projection,
+    /// Mean width of a pixel, mm.
     pitch_mm: f64,
     pupil_samples: usize,
     /// In the order of the scene's dots.
@@ -82,12 +85,22 @@ pub(crate) struct Workspace {
 pub(crate) type WantedCell = [[bool; 2]; 2];
 
 impl<'a> Renderer<'a> {
-    pub(crate) fn new(instrument: &'a Instrument, camera: &'a Camera, scene: &'a Scene, pupil_samples: usize) -> Self {
+    /// Renders pages whose pixels lie on the reference frame as `registration` says.
+    pub(crate) fn new(
+        instrument: &'a Instrument,
+        camera: &'a Camera,
+        scene: &'a Scene,
+        pupil_samples: usize,
+        registration: Registration,
+    ) -> Self {
         let sensor = &instrument.sensor;
-        let view = |(band, optics)| BandView::new(optics, instrument.projection(band), sensor, scene, pupil_samples);
+        let [u, v] = sensor.size_px.map(|size| 0.5 * (size as f64 - 1.0));
+        let pitch_mm = sensor.pitch_mm * registration.area_px2(PixelPoint { u, v }).sqrt();
+        let view = |(band, optics)| BandView::new(optics, instrument.projection(band), pitch_mm, scene, pupil_samples);
         Self {
             scene,
             sensor,
+            registration,
             bands: instrument.bands.iter().zip(camera.bands()).map(view).collect(),
             index: DotIndex::new(scene.dots()),
             bank: SampleBank::new(pupil_samples),
@@ -120,11 +133,6 @@ impl<'a> Renderer<'a> {
                 sum
             });
         (electrons, ledger)
-    }
-
-    /// Number of rows of tiles in a band.
-    pub(crate) fn tile_rows(&self) -> usize {
-        self.sensor.size_px[1].div_ceil(TILE_PX)
     }
 
     /// Fills one tile from `[column, row]` on; `rows` are the pixel rows of the tile's whole row of tiles.
@@ -177,8 +185,20 @@ impl<'a> Renderer<'a> {
     /// Centre and radius of the image disc about a rectangle of pixels.
     pub(crate) fn disc(&self, first: [usize; 2], size_px: [usize; 2]) -> (ImagePoint, f64) {
         let middle = |axis: usize| first[axis] as f64 + 0.5 * (size_px[axis] as f64 - 1.0);
-        let centre = self.sensor.image_from_pixel(PixelPoint { u: middle(0), v: middle(1) });
-        (centre, 0.5 * self.sensor.pitch_mm * (size_px[0] as f64).hypot(size_px[1] as f64))
+        let own = PixelPoint { u: middle(0), v: middle(1) };
+        let centre = self.sensor.image_from_pixel(self.registration.map(own));
+        let [width, height] = size_px.map(|size| size as f64);
+        if self.registration.is_identity() {
+            return (centre, 0.5 * self.sensor.pitch_mm * width.hypot(height));
+        }
+        // The farthest corner, which a homography may move a little farther than the others.
+        let corners = [[-0.5, -0.5], [0.5, -0.5], [-0.5, 0.5], [0.5, 0.5]];
+        let reach_mm = corners.map(|[a, b]| {
+            let corner = PixelPoint { u: own.u + a * width, v: own.v + b * height };
+            let corner = self.sensor.image_from_pixel(self.registration.map(corner));
+            (corner.x_mm - centre.x_mm).hypot(corner.y_mm - centre.y_mm)
+        });
+        (centre, reach_mm.into_iter().fold(0.0, f64::max))
     }
 
     /// What the bundle of a tile meets among all there is.
@@ -271,17 +291,11 @@ impl<'a> Renderer<'a> {
 }
 
 impl<'a> BandView<'a> {
-    fn new(
-        optics: &'a BandOptics,
-        projection: Projection,
-        sensor: &Sensor,
-        scene: &Scene,
-        pupil_samples: usize,
-    ) -> Self {
+    fn new(optics: &'a BandOptics, projection: Projection, pitch_mm: f64, scene: &Scene, pupil_samples: usize) -> Self {
         let mut view = Self {
             optics,
             projection,
-            pitch_mm: sensor.pitch_mm,
+            pitch_mm,
             pupil_samples,
             discs: Vec::new(),
             fine_discs: Vec::new(),

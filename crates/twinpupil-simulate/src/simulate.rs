@@ -3,11 +3,11 @@
 use rayon::prelude::*;
 use thiserror::Error;
 use twinpupil_instrument::check::ValueError;
-use twinpupil_instrument::{Frame, FrameError, Instrument, ResponseMatrix};
+use twinpupil_instrument::{Frame, FrameError, Instrument, Registration, ResponseMatrix};
 use twinpupil_optics::{Camera, OpticsError, RayLedger};
 
 use crate::progress::Progress;
-use crate::render::{Renderer, WantedCell};
+use crate::render::{Renderer, TILE_PX, WantedCell};
 use crate::sampling::PUPIL_SAMPLES_MAX;
 use crate::scene::Scene;
 use crate::sensor::{expected_codes, noisy_codes};
@@ -113,18 +113,39 @@ pub fn expected_electrons(
     check(instrument, scene, pupil_samples)?;
     let mixing = Mixing::new(instrument, response)?;
     let camera = Camera::new(instrument)?;
-    let renderer = Renderer::new(instrument, &camera, scene, pupil_samples);
+    let grids = grids(instrument);
     let bands = instrument.bands.len();
-    let progress = Progress::new(bands * renderer.tile_rows(), progress);
+    let [width_px, height_px] = instrument.sensor.size_px;
+    let progress = Progress::new(grids.len() * bands * height_px.div_ceil(TILE_PX), progress);
     let mut ledger = RayLedger::default();
-    let mut band_electrons = Vec::with_capacity(bands);
-    for band in 0..bands {
-        let (electrons, band_ledger) = renderer.band_electrons(band, mixing.wanted(band), &progress);
-        ledger.merge(&band_ledger);
-        band_electrons.push(electrons);
+    let mut pages = vec![Vec::new(); instrument.pages()];
+    for (registration, of_grid) in grids {
+        let renderer = Renderer::new(instrument, &camera, scene, pupil_samples, registration);
+        let mut band_electrons = Vec::with_capacity(bands);
+        for band in 0..bands {
+            let (electrons, band_ledger) = renderer.band_electrons(band, mixing.wanted(&of_grid, band), &progress);
+            ledger.merge(&band_ledger);
+            band_electrons.push(electrons);
+        }
+        for page in of_grid {
+            pages[page] = mixing.page(page, &band_electrons, width_px);
+        }
     }
-    let width_px = instrument.sensor.size_px[0];
-    Ok(Expectation { pages: mixing.pages(&band_electrons, width_px), ledger })
+    Ok(Expectation { pages, ledger })
+}
+
+/// The pages whose pixels lie at the same places of the reference frame: all of them, unless bands have sensors of
+/// their own.
+fn grids(instrument: &Instrument) -> Vec<(Registration, Vec<usize>)> {
+    let mut grids: Vec<(Registration, Vec<usize>)> = Vec::new();
+    for page in 0..instrument.pages() {
+        let registration = instrument.band_of_page(page).map_or(Registration::IDENTITY, |band| band.registration);
+        match grids.iter_mut().find(|(own, _)| *own == registration) {
+            Some((_, pages)) => pages.push(page),
+            None => grids.push((registration, vec![page])),
+        }
+    }
+    grids
 }
 
 fn check(instrument: &Instrument, scene: &Scene, pupil_samples: usize) -> Result<(), SimulateError> {
@@ -151,9 +172,8 @@ struct Mixing {
 impl Mixing {
     fn new(instrument: &Instrument, response: &ResponseMatrix) -> Result<Self, ValueError> {
         let bands = instrument.bands.len();
-        let of_pixel = |page: usize, column: usize, row: usize| {
-            response.of_plane(&instrument.sensor.mosaic.plane_of(page, column, row))
-        };
+        let of_pixel =
+            |page: usize, column: usize, row: usize| response.of_plane(&instrument.plane_of(page, column, row));
         let cell = |page: usize| [0, 1].map(|row| [0, 1].map(|column| of_pixel(page, column, row)));
         let pages: Vec<_> = (0..instrument.pages()).map(cell).collect();
         match pages.iter().flatten().flatten().find(|responses| responses.len() != bands) {
@@ -162,25 +182,23 @@ impl Mixing {
         }
     }
 
-    /// The pixels of a 2×2 cell that respond to a band in at least one page.
-    fn wanted(&self, band: usize) -> WantedCell {
-        [0, 1].map(|row| [0, 1].map(|column| self.pages.iter().any(|cell| cell[row][column][band] != 0.0)))
+    /// The pixels of a 2×2 cell that respond to a band in at least one of `pages`.
+    fn wanted(&self, pages: &[usize], band: usize) -> WantedCell {
+        let responds = |page: &usize, row: usize, column: usize| self.pages[*page][row][column][band] != 0.0;
+        [0, 1].map(|row| [0, 1].map(|column| pages.iter().any(|page| responds(page, row, column))))
     }
 
-    /// The electrons of every page from those of every band.
-    fn pages(&self, band_electrons: &[Vec<f64>], width_px: usize) -> Vec<Vec<f64>> {
-        let pixels = band_electrons.first().map_or(0, Vec::len);
-        let page = |cell: &[[Vec<f64>; 2]; 2]| {
-            let mut electrons = vec![0.0; pixels];
-            electrons.par_chunks_mut(width_px).enumerate().for_each(|(row, row_electrons)| {
-                let first = row * width_px;
-                for (column, pixel) in row_electrons.iter_mut().enumerate() {
-                    let responses = cell[row % 2][column % 2].iter();
-                    *pixel = responses.zip(band_electrons).map(|(r, electrons)| r * electrons[first + column]).sum();
-                }
-            });
-            electrons
-        };
-        self.pages.iter().map(page).collect()
+    /// The electrons of a page from those of every band.
+    fn page(&self, page: usize, band_electrons: &[Vec<f64>], width_px: usize) -> Vec<f64> {
+        let cell = &self.pages[page];
+        let mut electrons = vec![0.0; band_electrons.first().map_or(0, Vec::len)];
+        electrons.par_chunks_mut(width_px).enumerate().for_each(|(row, row_electrons)| {
+            let first = row * width_px;
+            for (column, pixel) in row_electrons.iter_mut().enumerate() {
+                let responses = cell[row % 2][column % 2].iter();
+                *pixel = responses.zip(band_electrons).map(|(r, electrons)| r * electrons[first + column]).sum();
+            }
+        });
+        electrons
     }
 }

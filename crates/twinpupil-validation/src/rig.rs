@@ -2,7 +2,7 @@
 
 use twinpupil_instrument::{Frame, Instrument, ResponseMatrix};
 use twinpupil_optics::response_table_for;
-use twinpupil_reconstruct::{Mode, Options, Point, Reconstructor};
+use twinpupil_reconstruct::{Mode, Options, Point, Reconstruction, Reconstructor};
 use twinpupil_simulate::{DotSpec, Scene, SceneSpec, SimulateOptions, simulate};
 
 /// An instrument with a way to simulate and a way to read its frames.
@@ -20,7 +20,7 @@ impl Rig {
     /// # Panics
     /// If the instrument cannot be traced: rigs are built from instruments that can.
     pub fn new(instrument: Instrument, mode: Mode) -> Self {
-        let response = ResponseMatrix::ideal(&instrument.bands);
+        let response = instrument.response_matrix();
         Self::with_response(instrument, mode, response)
     }
 
@@ -45,12 +45,29 @@ impl Rig {
         simulate(&self.instrument, scene, &self.response, &options, &|_| {}).expect("the scene can be simulated").frame
     }
 
+    /// All that a frame of this camera gives.
+    ///
+    /// # Panics
+    /// If the frame is not of this camera.
+    pub fn read(&self, frame: &Frame) -> Reconstruction {
+        self.reconstructor.frame(frame).expect("a frame of this camera")
+    }
+
+    /// Number of features of a frame in a band, measured or not.
+    ///
+    /// # Panics
+    /// If the frame is not of this camera.
+    pub fn detected(&self, frame: &Frame, band: usize) -> usize {
+        let detection = self.reconstructor.detect_band(frame, band).expect("a frame of this camera");
+        detection.features.len() + detection.rejected.len()
+    }
+
     /// The points of a frame of this camera.
     ///
     /// # Panics
     /// If the frame is not of this camera.
     pub fn points(&self, frame: &Frame) -> Vec<Point> {
-        self.reconstructor.frame(frame).expect("a frame of this camera").points
+        self.read(frame).points
     }
 
     /// Whether a dot's image, blur included, lies on the sensor in both bands.

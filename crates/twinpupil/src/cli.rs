@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use anyhow::{Context, Result};
 use clap::{Parser, Subcommand};
 
-use crate::commands::{analyze, demo, detect, fit, instrument, reconstruct, reproduce, scene, simulate};
+use crate::commands::{analyze, crosstalk, demo, detect, fit, instrument, reconstruct, reproduce, scene, simulate};
 use crate::console::Console;
 
 /// Depth from one exposure: simulates, reads and designs cameras with two coaxial colour apertures.
@@ -46,6 +46,8 @@ enum Command {
     /// Tell what a design is worth
     #[command(subcommand)]
     Analyze(analyze::Command),
+    /// Measure crosstalk on flat frames and write it into an instrument file
+    Crosstalk(crosstalk::Args),
     /// Repeat the experiments of the paper and set the results beside the published ones
     Reproduce(reproduce::Args),
     /// Simulate the paper's plate, reconstruct it and show what comes out, within seconds
@@ -85,6 +87,7 @@ fn run(cli: &Cli) -> Result<()> {
         Command::Reconstruct(args) => reconstruct::run(args, &console),
         Command::Fit(command) => fit::run(command),
         Command::Analyze(command) => analyze::run(command, &console),
+        Command::Crosstalk(args) => crosstalk::run(args, &console),
         Command::Reproduce(args) => reproduce::run(args, &console),
         Command::Demo(args) => demo::run(args, &console),
     }

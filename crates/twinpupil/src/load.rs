@@ -3,17 +3,17 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use twinpupil_instrument::{Instrument, ResponseMatrix, SpectralTable, paper};
-
+use twinpupil_instrument::{Instrument, ResponseMatrix, SpectralTable, builtin};
+use twinpupil_reconstruct::noise_gain;
 use twinpupil_simulate::{Picture, Scene};
 
 use crate::io::{input, page};
 
-/// The word that stands for the paper's instrument or scene instead of a file.
+/// The word that stands for the paper's scene instead of a file.
 pub const PAPER: &str = "paper";
 
-/// Largest product of the two planes' crosstalk at which the bands can still be told apart.
-const MIXED_MAX: f64 = 0.5;
+/// Largest growth of noise by unmixing at which the bands can still be told apart.
+const NOISE_GAIN_MAX: f64 = 3.0;
 
 /// An instrument, and the folder from which the files it names are found.
 #[derive(Debug, Clone)]
@@ -24,33 +24,37 @@ pub struct LoadedInstrument {
 }
 
 impl LoadedInstrument {
-    /// Reads an instrument file; the word `paper` is the instrument of the paper, `-` standard input.
+    /// Reads an instrument file; a name such as `paper` is an instrument that ships, `-` standard input.
     pub fn load(argument: &Path) -> Result<Self> {
-        if argument == Path::new(PAPER) {
-            return Ok(Self { instrument: paper::instrument(), folder: PathBuf::new() });
+        if let Some(text) = argument.to_str().and_then(builtin::toml) {
+            return Ok(Self { instrument: Instrument::from_toml(text)?, folder: PathBuf::new() });
         }
         let text = input::read_text(argument)?;
         let instrument = Instrument::from_toml(&text).with_context(|| argument.display().to_string())?;
         Ok(Self { instrument, folder: folder_of(argument) })
     }
 
-    /// Signal in every plane from every band: from the curves of `[spectra]`, ideal where there is none.
+    /// Signal in every plane from every band: from the curves of `[spectra]`, or what the instrument states by itself.
     pub fn response_matrix(&self) -> Result<ResponseMatrix> {
         let instrument = &self.instrument;
-        let Some(spectra) = &instrument.spectra else { return Ok(ResponseMatrix::ideal(&instrument.bands)) };
-        let quantum_efficiency = self.curves(&spectra.quantum_efficiency, SpectralTable::nominal_quantum_efficiency)?;
-        let filters = self.curves(&spectra.filters, SpectralTable::nominal_filters)?;
-        let response =
-            ResponseMatrix::from_curves(&instrument.bands, instrument.sensor.mosaic, &quantum_efficiency, &filters)
-                .context("spectra")?;
-        let seen = |plane: usize, band: usize| response.of_plane(&instrument.bands[plane].plane)[band];
-        let mixed = seen(0, 1) * seen(1, 0);
-        if mixed > MIXED_MAX {
-            bail!(
-                "spectra: the two planes see the bands so much alike (crosstalk product {mixed:.2}, legal: up to {MIXED_MAX}) that they cannot be told apart"
-            );
+        let (source, response) = match &instrument.spectra {
+            Some(spectra) => {
+                let sensor = self.curves(&spectra.quantum_efficiency, SpectralTable::nominal_quantum_efficiency)?;
+                let filters = self.curves(&spectra.filters, SpectralTable::nominal_filters)?;
+                let bands = &instrument.bands;
+                let response = ResponseMatrix::from_curves(bands, instrument.sensor.mosaic, &sensor, &filters);
+                ("spectra", response.context("spectra")?)
+            }
+            None => ("crosstalk", instrument.response_matrix()),
+        };
+        match noise_gain(instrument, &response) {
+            Some(gain) if gain <= NOISE_GAIN_MAX => Ok(response),
+            Some(gain) => bail!(
+                "{source}: the planes see the bands so much alike that unmixing makes noise {gain:.1} times as large; \
+                 legal: up to {NOISE_GAIN_MAX} times"
+            ),
+            None => bail!("{source}: the planes see the bands so much alike that they cannot be told apart"),
         }
-        Ok(response)
     }
 
     fn curves(&self, source: &str, nominal: fn() -> SpectralTable) -> Result<SpectralTable> {

@@ -6,7 +6,7 @@ use std::fmt::Write;
 use anyhow::Result;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
-use twinpupil_instrument::{Frame, FrameError, Instrument, Mosaic, PixelPoint, PlaneView};
+use twinpupil_instrument::{Band, Frame, FrameError, Instrument, Mosaic, PixelPoint, PlaneView};
 
 use crate::io::encode_rgb8;
 use crate::plot::Colour;
@@ -34,26 +34,26 @@ impl Picture {
     /// A frame in colour.
     ///
     /// A mosaic is shown at half size: each cell's red, green and blue pixel make one of the picture. The pages of a
-    /// `mono` frame are laid over each other in the tints of their bands.
+    /// frame with a page for each band are laid over each other in the tints of their bands.
     pub fn of_frame(frame: &Frame, instrument: &Instrument) -> Result<Self, FrameError> {
         let mosaic = instrument.sensor.mosaic;
-        if mosaic != Mosaic::Mono {
-            let tinted = [("r", [1.0, 0.0, 0.0]), ("g", [0.0, 1.0, 0.0]), ("b", [0.0, 0.0, 1.0])];
-            return Self::of_planes(frame, mosaic, &tinted);
+        if !mosaic.has_page_for_each_band() && !matches!(mosaic, Mosaic::Polarizer(_)) {
+            let tints = [("r", [1.0, 0.0, 0.0]), ("g", [0.0, 1.0, 0.0]), ("b", [0.0, 0.0, 1.0])];
+            let plane = |(name, tint)| Ok((frame.plane(mosaic, name)?, tint));
+            return Ok(Self::of_planes(&tints.map(plane).into_iter().collect::<Result<Vec<_>, FrameError>>()?));
         }
-        let tinted: Vec<_> =
-            instrument.bands.iter().map(|band| (band.plane.as_str(), tint(band.wavelength_nm))).collect();
-        Self::of_planes(frame, mosaic, &tinted)
+        let tinted = |band: &Band| Ok((instrument.plane(frame, band)?, tint(band.wavelength_nm)));
+        Ok(Self::of_planes(&instrument.bands.iter().map(tinted).collect::<Result<Vec<_>, FrameError>>()?))
     }
 
     /// One band of a frame in its own tint, on its own sub-lattice.
     pub fn of_band(frame: &Frame, instrument: &Instrument, band: usize) -> Result<Self, FrameError> {
         let band = &instrument.bands[band];
-        Self::of_planes(frame, instrument.sensor.mosaic, &[(&band.plane, tint(band.wavelength_nm))])
+        Ok(Self::of_planes(&[(instrument.plane(frame, band)?, tint(band.wavelength_nm))]))
     }
 
-    fn of_planes(frame: &Frame, mosaic: Mosaic, tinted: &[(&str, [f64; 3])]) -> Result<Self, FrameError> {
-        let planes = tinted.iter().map(|(plane, _)| frame.plane(mosaic, plane)).collect::<Result<Vec<_>, _>>()?;
+    fn of_planes(tinted: &[(PlaneView<'_>, [f64; 3])]) -> Self {
+        let planes: Vec<PlaneView<'_>> = tinted.iter().map(|(plane, _)| *plane).collect();
         let smallest = |size: fn(&PlaneView<'_>) -> usize| planes.iter().map(size).min().unwrap_or(0);
         let (width, height) = (smallest(|plane| plane.columns), smallest(|plane| plane.rows));
         let stretch = Stretch::of(&planes);
@@ -68,7 +68,7 @@ impl Picture {
                 rgb.extend(mixed.map(display_code));
             }
         }
-        Ok(Self { width, height, step_px: planes.first().map_or(1, |plane| plane.step_px), rgb })
+        Self { width, height, step_px: planes.first().map_or(1, |plane| plane.step_px), rgb }
     }
 
     /// The picture with `factor` × `factor` pixels made one: smaller, and less noisy.

@@ -71,8 +71,9 @@ const SLOPE_ROUNDS: [usize; 4] = [0, 3, 4, 5];
 impl ForwardModel {
     /// The model of the bands of an instrument with these indices.
     pub(crate) fn new(instrument: &Instrument, table: Option<&ResponseTable>, bands: &[usize]) -> Self {
-        let page = Page { axis_px: instrument.sensor.axis_px, pitch_mm: instrument.sensor.pitch_mm };
         let band = |index: usize| {
+            let axis_px = instrument.axis_px(&instrument.bands[index]);
+            let page = Page { axis_px, pitch_mm: instrument.sensor.pitch_mm };
             let focal_length_mm = match table {
                 Some(table) => table.bands[index].focal_length_mm,
                 None => instrument.projection(&instrument.bands[index]).focal_length_mm,

@@ -1,18 +1,19 @@
 //! `twinpupil detect`: frames → features of each band.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
 use rayon::prelude::*;
 use serde::Serialize;
-use twinpupil_instrument::{Mosaic, Role};
+use twinpupil_instrument::Mosaic;
 use twinpupil_reconstruct::{DetectOptions, Options, Reconstructor, Rejection, detect};
 
 use super::destination::pretty;
 use super::options::PolarityOption;
 use crate::console::Console;
 use crate::io::features::{self, BandFeatures, FrameRejections, rejected_table};
-use crate::io::frame::{FrameFormat, read_frame};
+use crate::io::files::FrameFiles;
+use crate::io::frame::FrameFormat;
 use crate::io::output::{self, Outputs};
 use crate::io::table::check_table_path;
 use crate::load::LoadedInstrument;
@@ -20,16 +21,16 @@ use crate::load::LoadedInstrument;
 /// `twinpupil detect …`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Frames: PNG or TIFF
+    /// Frames: PNG or TIFF, an ENVI header, or one file for each sensor
     #[arg(required = true, value_name = "FRAME")]
     frames: Vec<PathBuf>,
-    /// Instrument file, or the word `paper`
+    /// Instrument file, or the name of one that ships, such as `paper`
     #[arg(long, value_name = "FILE", required_unless_present = "mosaic")]
     instrument: Option<PathBuf>,
     /// Without an instrument: how the sensor samples colour
     #[arg(long, value_name = "MOSAIC", conflicts_with = "instrument", requires = "plane", value_parser = mosaic)]
     mosaic: Option<Mosaic>,
-    /// Without an instrument: plane to search, r, g, b or a page number; may be repeated
+    /// Without an instrument: plane to search, r, g, b, an angle or a page number; may be repeated
     #[arg(long, value_name = "PLANE", conflicts_with = "instrument")]
     plane: Vec<String>,
     /// Features to write, .csv, .ply or .parquet; CSV on standard output if left out
@@ -47,8 +48,10 @@ pub struct Args {
 }
 
 fn mosaic(text: &str) -> Result<Mosaic, String> {
-    let legal = || format!("legal: {}", Mosaic::ALL.map(Mosaic::name).join(", "));
-    Mosaic::from_name(text).ok_or_else(legal)
+    // The planes of cubes and of several sensors are those of an instrument.
+    let is_bare = |mosaic: &Mosaic| !matches!(mosaic, Mosaic::Cube | Mosaic::Sensors);
+    let names: Vec<&str> = Mosaic::ALL.into_iter().filter(is_bare).map(Mosaic::name).collect();
+    Mosaic::from_name(text).filter(is_bare).ok_or_else(|| format!("legal: {}", names.join(", ")))
 }
 
 /// Where to look, and what is known of the sensor.
@@ -65,7 +68,8 @@ struct Target {
 struct Band {
     name: String,
     plane: String,
-    role: Option<Role>,
+    /// Its index in the instrument.
+    index: Option<usize>,
 }
 
 /// What `--json` prints: one entry for each band of each frame.
@@ -91,13 +95,14 @@ pub fn run(args: &Args, console: &Console) -> Result<()> {
         check_table_path(path)?;
         output::check(path)?;
     }
-    let bar = console.progress(args.frames.len() as u64, "detecting");
-    let one = |path: &PathBuf| {
-        let done = target.search(path);
+    let files = FrameFiles::of_arguments(&args.frames, &target.format)?;
+    let bar = console.progress(files.len() as u64, "detecting");
+    let one = |files: &FrameFiles| {
+        let done = target.search(files);
         bar.inc(1);
         done
     };
-    let frames = args.frames.par_iter().map(one).collect::<Result<Vec<Done>>>()?;
+    let frames = files.par_iter().map(one).collect::<Result<Vec<Done>>>()?;
     bar.finish_and_clear();
 
     let summary: Vec<BandSummary> = frames.iter().flat_map(summaries).collect();
@@ -120,7 +125,7 @@ impl Target {
             bail!("--plane {}: a sensor `{}` has no such plane", args.plane.join(" --plane "), mosaic.name());
         };
         let format = FrameFormat::bare(mosaic, pages.into_iter().max().unwrap_or(1));
-        let band = |plane: &String| Band { name: plane.clone(), plane: plane.clone(), role: None };
+        let band = |plane: &String| Band { name: plane.clone(), plane: plane.clone(), index: None };
         Ok(Self { format, mosaic, bands: args.plane.iter().map(band).collect(), reconstructor: None, options })
     }
 
@@ -130,28 +135,28 @@ impl Target {
         let settings = Options { detect: options, ..Options::default() };
         let reconstructor =
             Reconstructor::new(instrument.clone(), Some(table), settings).unmixing(&loaded.response_matrix()?);
-        let band = |band: &twinpupil_instrument::Band| Band {
+        let band = |(index, band): (usize, &twinpupil_instrument::Band)| Band {
             name: band.name.clone(),
             plane: band.plane.clone(),
-            role: Some(band.role),
+            index: Some(index),
         };
         Ok(Self {
             format: FrameFormat::of_instrument(instrument),
             mosaic: instrument.sensor.mosaic,
-            bands: instrument.bands.iter().map(band).collect(),
+            bands: instrument.bands.iter().enumerate().map(band).collect(),
             reconstructor: Some(reconstructor),
             options,
         })
     }
 
-    fn search(&self, path: &Path) -> Result<Done> {
-        let frame = read_frame(path, &self.format)?;
-        let name = path.display().to_string();
+    fn search(&self, files: &FrameFiles) -> Result<Done> {
+        let frame = files.read(&self.format)?;
+        let name = files.name.clone();
         let mut bands = Vec::with_capacity(self.bands.len());
         let mut rejected: Vec<Rejection> = Vec::new();
         for band in &self.bands {
-            let found = match (&self.reconstructor, band.role) {
-                (Some(reconstructor), Some(role)) => reconstructor.detect(&frame, role),
+            let found = match (&self.reconstructor, band.index) {
+                (Some(reconstructor), Some(index)) => reconstructor.detect_band(&frame, index),
                 _ => frame.plane(self.mosaic, &band.plane).map(|view| detect(&view, None, &self.options)),
             };
             let found = found.with_context(|| name.clone())?;

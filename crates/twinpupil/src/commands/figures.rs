@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use anyhow::Result;
 use serde::Serialize;
-use twinpupil_instrument::{Instrument, Lens, Mosaic, Projection, ResponseMatrix, ResponseTable, Role};
+use twinpupil_instrument::{Band, Instrument, Lens, Projection, ResponseMatrix, ResponseTable};
 use twinpupil_optics::response_table_for;
 
 use crate::load::LoadedInstrument;
@@ -80,7 +80,7 @@ impl Figures {
             lens: lens(instrument),
             focus_distance_mm: instrument.focus_distance_mm(),
             sensor_size_mm: sensor.size_px.map(|size| size as f64 * sensor.pitch_mm),
-            bands: [Role::Telecentric, Role::Entocentric].map(|role| band(instrument, role)).into(),
+            bands: instrument.bands_by_role().iter().map(|index| band(instrument, &instrument.bands[*index])).collect(),
             depth: distances_mm(instrument).into_iter().map(|z_mm| depth(instrument, &table, z_mm)).collect(),
             response: response(instrument, &loaded.response_matrix()?),
         })
@@ -168,13 +168,12 @@ fn lens(instrument: &Instrument) -> String {
     }
 }
 
-fn band(instrument: &Instrument, role: Role) -> BandFigures {
-    let band = instrument.band(role);
+fn band(instrument: &Instrument, band: &Band) -> BandFigures {
     let projection = instrument.projection(band);
     let range = instrument.depth_range();
     BandFigures {
         name: band.name.clone(),
-        role: role.name(),
+        role: band.role.name(),
         wavelength_nm: band.wavelength_nm,
         focal_length_mm: projection.focal_length_mm,
         focus_distance_mm: projection.focus_distance_mm(),
@@ -254,16 +253,12 @@ fn round_step(step: f64) -> f64 {
 }
 
 fn response(instrument: &Instrument, matrix: &ResponseMatrix) -> Vec<PlaneResponse> {
-    let order = [Role::Telecentric, Role::Entocentric].map(|role| instrument.band_index(role));
-    let planes: Vec<String> = match instrument.sensor.mosaic {
-        Mosaic::Mono => instrument.bands.iter().map(|band| band.plane.clone()).collect(),
-        _ => ["r", "g", "b"].map(str::to_owned).to_vec(),
-    };
+    let order = instrument.bands_by_role();
     let row = |plane: String| {
         let values = matrix.of_plane(&plane);
-        PlaneResponse { plane, bands: order.map(|band| values[band]).into() }
+        PlaneResponse { plane, bands: order.iter().map(|band| values[*band]).collect() }
     };
-    planes.into_iter().map(row).collect()
+    instrument.planes().into_iter().map(row).collect()
 }
 
 fn size([width_mm, height_mm]: [f64; 2]) -> String {

@@ -2,9 +2,9 @@
 
 use std::path::PathBuf;
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use clap::Subcommand;
-use twinpupil_instrument::{Instrument, paper};
+use twinpupil_instrument::{Instrument, builtin};
 
 use super::destination::{Destination, pretty};
 use super::figures::Figures;
@@ -15,9 +15,17 @@ use crate::load::LoadedInstrument;
 pub enum Command {
     /// Print the instrument file of the paper, comments and all
     Paper(Destination),
+    /// Print that of a camera with a polarizer on every pixel
+    Polarizer(Destination),
+    /// Print that of a hyperspectral camera, whose frames are ENVI cubes
+    Hyperspectral(Destination),
+    /// Print that of a camera with a beam splitter and a sensor for each band
+    TwoSensors(Destination),
+    /// Print that of a camera with a third pupil
+    ThreeBands(Destination),
     /// Show what follows from an instrument: magnifications, field of view, blur, depth per pixel
     Show {
-        /// Instrument file, or the word `paper`
+        /// Instrument file, or the name of one that ships, such as `paper`
         file: PathBuf,
         /// As JSON
         #[arg(long)]
@@ -28,7 +36,7 @@ pub enum Command {
     },
     /// Check an instrument file and print it back
     Print {
-        /// Instrument file, or the word `paper`
+        /// Instrument file, or the name of one that ships, such as `paper`
         file: PathBuf,
         /// Where it goes.
         #[command(flatten)]
@@ -41,7 +49,11 @@ pub enum Command {
 /// Runs `twinpupil instrument`.
 pub fn run(command: &Command) -> Result<()> {
     match command {
-        Command::Paper(to) => to.write(paper::INSTRUMENT_TOML.to_owned()),
+        Command::Paper(to) => shipped("paper", to),
+        Command::Polarizer(to) => shipped("polarizer", to),
+        Command::Hyperspectral(to) => shipped("hyperspectral", to),
+        Command::TwoSensors(to) => shipped("two-sensors", to),
+        Command::ThreeBands(to) => shipped("three-bands", to),
         Command::Print { file, to } => to.write(LoadedInstrument::load(file)?.instrument.to_toml()),
         Command::Schema(to) => to.write(pretty(Instrument::json_schema().as_value())?),
         Command::Show { file, json, to } => {
@@ -49,4 +61,9 @@ pub fn run(command: &Command) -> Result<()> {
             to.write(if *json { pretty(&figures)? } else { figures.to_text() })
         }
     }
+}
+
+fn shipped(name: &str, to: &Destination) -> Result<()> {
+    let text = builtin::toml(name).with_context(|| format!("no instrument `{name}` ships"))?;
+    to.write(text.to_owned())
 }

@@ -1,21 +1,22 @@
 //! `twinpupil reconstruct`: frames → points.
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
 use clap::ValueEnum;
 use rayon::prelude::*;
 use serde::Serialize;
-use twinpupil_instrument::{Band, Frame};
+use twinpupil_instrument::{Band, Frame, Role};
 use twinpupil_reconstruct::{DetectOptions, Mode, Options, Reconstruction, Reconstructor};
 
 use super::destination::pretty;
 use super::options::PolarityOption;
 use crate::console::Console;
 use crate::io::features::{FrameRejections, rejected_table};
-use crate::io::frame::{FrameFormat, read_frame};
+use crate::io::files::FrameFiles;
+use crate::io::frame::FrameFormat;
 use crate::io::output::{self, Outputs};
 use crate::io::points::{self, FramePoints};
 use crate::io::table::{Table, check_table_path};
@@ -24,10 +25,10 @@ use crate::load::LoadedInstrument;
 /// `twinpupil reconstruct …`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Frames: PNG or TIFF
+    /// Frames: PNG or TIFF, an ENVI header, or one file for each sensor
     #[arg(required = true, value_name = "FRAME")]
     frames: Vec<PathBuf>,
-    /// Instrument file, or the word `paper`
+    /// Instrument file, or the name of one that ships, such as `paper`
     #[arg(long, value_name = "FILE")]
     instrument: PathBuf,
     /// Points to write, .csv, .ply or .parquet; CSV on standard output if left out
@@ -115,13 +116,14 @@ pub fn run(args: &Args, console: &Console) -> Result<()> {
     let reconstructor = reconstructor(args, &loaded)?;
 
     let start = Instant::now();
-    let bar = console.progress(args.frames.len() as u64, "reconstructing");
-    let one = |path: &PathBuf| {
-        let done = reconstruct(&reconstructor, &format, path);
+    let files = FrameFiles::of_arguments(&args.frames, &format)?;
+    let bar = console.progress(files.len() as u64, "reconstructing");
+    let one = |files: &FrameFiles| {
+        let done = reconstruct(&reconstructor, &format, files);
         bar.inc(1);
         done
     };
-    let frames = args.frames.par_iter().map(one).collect::<Result<Vec<Done>>>()?;
+    let frames = files.par_iter().map(one).collect::<Result<Vec<Done>>>()?;
     bar.finish_and_clear();
     let summary = summary(args, &loaded, &frames, start.elapsed().as_secs_f64());
 
@@ -155,14 +157,14 @@ fn reconstructor(args: &Args, loaded: &LoadedInstrument) -> Result<Reconstructor
     Ok(Reconstructor::new(loaded.instrument.clone(), table, options).unmixing(&loaded.response_matrix()?))
 }
 
-fn reconstruct(reconstructor: &Reconstructor, format: &FrameFormat, path: &Path) -> Result<Done> {
+fn reconstruct(reconstructor: &Reconstructor, format: &FrameFormat, files: &FrameFiles) -> Result<Done> {
     let start = Instant::now();
-    let frame = read_frame(path, format)?;
+    let frame = files.read(format)?;
     let read_seconds = start.elapsed().as_secs_f64();
-    let reconstruction = reconstructor.frame(&frame).with_context(|| path.display().to_string())?;
+    let reconstruction = reconstructor.frame(&frame).with_context(|| files.name.clone())?;
     let empty = reconstruction.points.is_empty().then(|| why_empty(&frame, &reconstruction));
     let compute_seconds = start.elapsed().as_secs_f64() - read_seconds;
-    Ok(Done { frame: path.display().to_string(), reconstruction, empty, read_seconds, compute_seconds })
+    Ok(Done { frame: files.name.clone(), reconstruction, empty, read_seconds, compute_seconds })
 }
 
 /// Why a frame gives no point.
@@ -180,7 +182,7 @@ fn why_empty(frame: &Frame, reconstruction: &Reconstruction) -> String {
 
 fn tables(frames: Vec<Done>) -> (Table, Table) {
     let (mut all_points, mut all_rejected) = (Vec::new(), Vec::new());
-    for Done { frame, reconstruction: Reconstruction { points, rejected }, .. } in frames {
+    for Done { frame, reconstruction: Reconstruction { points, rejected, .. }, .. } in frames {
         all_rejected.push(FrameRejections { frame: frame.clone(), rejected });
         all_points.push(FramePoints { frame, points });
     }
@@ -223,13 +225,18 @@ fn summary(args: &Args, loaded: &LoadedInstrument, frames: &[Done], wall_seconds
 }
 
 fn bands(loaded: &LoadedInstrument, frames: &[Done]) -> Vec<BandSummary> {
-    let points: usize = frames.iter().map(|done| done.reconstruction.points.len()).sum();
-    let one = |band: &Band| {
+    let paired: usize = frames.iter().map(|done| done.reconstruction.points.len()).sum();
+    let shown = |band: usize| {
+        let images = frames.iter().flat_map(|done| &done.reconstruction.further);
+        images.filter(|image| image.band == band).count()
+    };
+    let one = |(index, band): (usize, &Band)| {
+        let points = if band.role == Role::Intermediate { shown(index) } else { paired };
         let rejections = frames.iter().flat_map(|done| &done.reconstruction.rejected);
         let rejected = rejections.filter(|rejection| rejection.band == band.name).count();
         BandSummary { band: band.name.clone(), found: points + rejected, points, rejected }
     };
-    loaded.instrument.bands.iter().map(one).collect()
+    loaded.instrument.bands.iter().enumerate().map(one).collect()
 }
 
 /// The summary for a human.

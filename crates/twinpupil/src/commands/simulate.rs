@@ -3,15 +3,16 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use serde::Serialize;
-use twinpupil_instrument::Frame;
+use twinpupil_instrument::{Frame, ResponseMatrix};
 use twinpupil_optics::RayLedger;
 use twinpupil_simulate::{PUPIL_SAMPLES_MAX, Scene, SimulateOptions, Simulation, simulate};
 
 use super::destination::pretty;
 use crate::console::Console;
-use crate::io::frame::{check_frame_path, encode_frame};
+use crate::io::files::FrameFiles;
+use crate::io::frame::check_frame_files;
 use crate::io::output::{self, Outputs};
 use crate::io::table::check_table_path;
 use crate::io::truth::{self, TruthRow};
@@ -23,19 +24,20 @@ const STEPS: f64 = 1000.0;
 /// `twinpupil simulate …`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Instrument file, or the word `paper`
+    /// Instrument file, or the name of one that ships, such as `paper`
     #[arg(long, value_name = "FILE")]
     instrument: PathBuf,
     /// Scene file, or the word `paper` for the paper's plate of random dots at 300 mm
     #[arg(long, value_name = "FILE")]
     scene: PathBuf,
-    /// Frame to write: .png, .tif or .tiff
-    #[arg(short, long, value_name = "FRAME")]
-    output: PathBuf,
+    /// Frame to write: .png, .tif or .tiff; a cube as .hdr, .raw, .bsq, .bil or .bip; with a sensor for each band
+    /// once for each, or with {band} in it
+    #[arg(short, long, value_name = "FRAME", required = true)]
+    output: Vec<PathBuf>,
     /// Also write where the dots are: .csv, .ply or .parquet
     #[arg(long, value_name = "FILE")]
     truth: Option<PathBuf>,
-    /// Rays over the pupil for every pixel and band; 256 if left out, 1024 with --noiseless
+    /// Rays over the pupil for every pixel and band; 1024 if left out
     #[arg(long, value_name = "N", value_parser = samples)]
     samples: Option<usize>,
     /// Write the expected values, without noise
@@ -44,6 +46,9 @@ pub struct Args {
     /// Seed of the sensor's noise; the scene's if left out
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
+    /// Light this band alone, as the flat frames of `crosstalk` are lit
+    #[arg(long, value_name = "BAND")]
+    lit: Option<String>,
     /// Print a summary as JSON
     #[arg(long)]
     json: bool,
@@ -92,8 +97,10 @@ struct Rays<'a> {
 pub fn run(args: &Args, console: &Console) -> Result<()> {
     let loaded = LoadedInstrument::load(&args.instrument)?;
     let scene = load::scene(&args.scene)?;
-    check_frame_path(&args.output, &loaded.instrument)?;
-    output::check(&args.output)?;
+    let response = response(args, &loaded)?;
+    let files = FrameFiles::of_output(&args.output, &loaded.instrument)?;
+    check_frame_files(&files, &loaded.instrument)?;
+    files.paths().iter().try_for_each(|path| output::check(path))?;
     if let Some(path) = &args.truth {
         check_table_path(path)?;
         output::check(path)?;
@@ -103,21 +110,36 @@ pub fn run(args: &Args, console: &Console) -> Result<()> {
     let options = SimulateOptions { pupil_samples: args.samples(), noiseless: args.noiseless, seed: args.seed };
     let bar = console.progress(STEPS as u64, "simulating");
     let progress = |share: f64| bar.set_position((STEPS * share) as u64);
-    let simulation = simulate(&loaded.instrument, &scene, &loaded.response_matrix()?, &options, &progress)?;
+    let simulation = simulate(&loaded.instrument, &scene, &response, &options, &progress)?;
     bar.finish_and_clear();
     let seconds = start.elapsed().as_secs_f64();
 
     let mut outputs = Outputs::new();
-    let mosaic = loaded.instrument.sensor.mosaic;
-    outputs.add(&args.output, encode_frame(&args.output, &simulation.frame, mosaic)?);
+    for (path, bytes) in files.encode(&simulation.frame, &loaded.instrument)? {
+        outputs.add(&path, bytes);
+    }
     if let Some(path) = &args.truth {
         outputs.add(path, truth::table(&truth_rows(&scene)).encode(Some(path))?);
     }
     outputs.commit()?;
 
-    let summary = summary(args, &loaded, &scene, &simulation, seconds);
+    let summary = summary(args, &files, &loaded, &scene, &simulation, seconds);
     console.note(line(&summary));
     if args.json { output::write_stdout(pretty(&summary)?.as_bytes()) } else { Ok(()) }
+}
+
+/// Signal in every plane from every band, or from the one that is lit.
+fn response(args: &Args, loaded: &LoadedInstrument) -> Result<ResponseMatrix> {
+    let response = loaded.response_matrix()?;
+    let Some(name) = &args.lit else { return Ok(response) };
+    let bands = &loaded.instrument.bands;
+    match bands.iter().position(|band| band.name == *name) {
+        Some(band) => Ok(response.lit_by(band)),
+        None => {
+            let names = bands.iter().map(|band| band.name.as_str()).collect::<Vec<_>>().join(", ");
+            bail!("--lit {name}: there is no such band; legal: {names}")
+        }
+    }
 }
 
 /// The centres of a scene's dots.
@@ -128,6 +150,7 @@ pub fn truth_rows(scene: &Scene) -> Vec<TruthRow> {
 
 fn summary<'a>(
     args: &Args,
+    files: &FrameFiles,
     loaded: &'a LoadedInstrument,
     scene: &'a Scene,
     simulation: &'a Simulation,
@@ -137,7 +160,7 @@ fn summary<'a>(
     Summary {
         instrument: &loaded.instrument.name,
         scene: &scene.name,
-        frame: args.output.display().to_string(),
+        frame: files.name.clone(),
         size_px: [frame.width_px(), frame.height_px()],
         dots: scene.dots().len(),
         pupil_samples: args.samples(),

@@ -2,14 +2,16 @@
 
 use std::path::Path;
 
-use anyhow::{Context, Result, bail};
-use twinpupil_instrument::{Frame, FrameError, Instrument, Mosaic};
+use anyhow::{Result, bail};
+use twinpupil_instrument::{CubePlane, Frame, FrameError, Instrument, Mosaic};
 
+use super::envi;
+use super::files::FrameFiles;
 use super::page::{self, Page};
-use super::{input, png, tiff};
+use super::{png, tiff};
 
 /// What a frame file must look like.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct FrameFormat {
     mosaic: Mosaic,
     pages: usize,
@@ -17,6 +19,10 @@ pub struct FrameFormat {
     size_px: Option<[usize; 2]>,
     /// The sensor's bits and their largest code, where they are known.
     depth: Option<(u8, u16)>,
+    /// Names of the bands, in the order of their pages, where each has a file of its own.
+    bands_by_file: Option<Vec<String>>,
+    /// The planes of a cube.
+    cube: Vec<CubePlane>,
 }
 
 impl FrameFormat {
@@ -28,31 +34,60 @@ impl FrameFormat {
             pages: instrument.pages(),
             size_px: Some(sensor.size_px),
             depth: Some((sensor.bit_depth, sensor.code_max())),
+            bands_by_file: (sensor.mosaic == Mosaic::Sensors).then(|| {
+                let name = |page| instrument.band_of_page(page).map(|band| band.name.clone());
+                (0..instrument.pages()).map(|page| name(page).unwrap_or_else(|| page.to_string())).collect()
+            }),
+            cube: match sensor.mosaic {
+                Mosaic::Cube => instrument.bands.iter().filter_map(|band| CubePlane::parse(&band.plane)).collect(),
+                _ => Vec::new(),
+            },
         }
     }
 
     /// Frames of a sensor of which only the mosaic is known, with `bands` pages if it is monochrome.
     pub fn bare(mosaic: Mosaic, bands: usize) -> Self {
-        Self { mosaic, pages: mosaic.pages(bands), size_px: None, depth: None }
+        let pages = mosaic.pages(bands);
+        Self { mosaic, pages, size_px: None, depth: None, bands_by_file: None, cube: Vec::new() }
+    }
+
+    /// How colour is sampled.
+    pub fn mosaic(&self) -> Mosaic {
+        self.mosaic
+    }
+
+    /// Columns and rows, where they are known.
+    pub fn size_px(&self) -> Option<[usize; 2]> {
+        self.size_px
+    }
+
+    /// Names of the bands, in the order of their pages, where each has a file of its own.
+    pub fn bands_by_file(&self) -> Option<&[String]> {
+        self.bands_by_file.as_deref()
+    }
+
+    /// The planes of a cube.
+    pub fn cube(&self) -> &[CubePlane] {
+        &self.cube
+    }
+
+    /// The format of the file of one of several sensors.
+    #[must_use]
+    pub fn of_one_sensor(&self) -> Self {
+        Self { mosaic: Mosaic::Mono, pages: 1, bands_by_file: None, ..self.clone() }
     }
 
     /// The largest code of a file with `bits` bits a sample.
-    fn code_max(&self, bits: u8) -> u16 {
+    pub fn code_max(&self, bits: u8) -> u16 {
         let sensor_max = self.depth.map_or(u16::MAX, |(_, code_max)| code_max);
         if bits == 8 { sensor_max.min(255) } else { sensor_max }
     }
 }
 
-/// Reads a frame.
+/// Reads a frame from the bytes of a PNG or TIFF file.
 ///
 /// A mosaic is one grey page, RGB one colour page or three grey ones, `mono` one grey page for each band. The largest
 /// code is 255 in a file of 8 bit, and that of the sensor's bit depth in a file of 16 bit.
-pub fn read_frame(path: &Path, format: &FrameFormat) -> Result<Frame> {
-    let bytes = input::read_bytes(path)?;
-    decode_frame(&bytes, format).with_context(|| path.display().to_string())
-}
-
-/// [`read_frame`] from the bytes of a file.
 pub fn decode_frame(bytes: &[u8], format: &FrameFormat) -> Result<Frame> {
     let pages = page::decode(bytes, format.size_px)?;
     let ([width_px, height_px], bits) = (pages[0].size_px, pages[0].bits);
@@ -111,12 +146,16 @@ pub fn encode_frame(path: &Path, frame: &Frame, mosaic: Mosaic) -> Result<Vec<u8
     }
 }
 
-/// Refuses a path to which [`encode_frame`] cannot write the frames of an instrument, before any work is done.
-pub fn check_frame_path(path: &Path, instrument: &Instrument) -> Result<()> {
+/// Refuses files into which the frames of an instrument cannot be encoded, before any work is done.
+pub fn check_frame_files(files: &FrameFiles, instrument: &Instrument) -> Result<()> {
     let mosaic = instrument.sensor.mosaic;
-    let pages = if mosaic == Mosaic::Rgb { 1 } else { instrument.pages() };
-    if FrameFile::of(path)? == FrameFile::Png && pages > 1 {
-        bail!("{}: a PNG holds one page and the frame has {pages}; write a .tiff", path.display());
+    let pages = if matches!(mosaic, Mosaic::Rgb | Mosaic::Sensors) { 1 } else { instrument.pages() };
+    for path in files.paths() {
+        if mosaic == Mosaic::Cube {
+            envi::cube_paths(path)?;
+        } else if FrameFile::of(path)? == FrameFile::Png && pages > 1 {
+            bail!("{}: a PNG holds one page and the frame has {pages}; write a .tiff", path.display());
+        }
     }
     Ok(())
 }
@@ -212,10 +251,13 @@ mod tests {
         spec.bands[0].plane = "0".to_owned();
         spec.bands[1].plane = "1".to_owned();
         let mono = Instrument::new(spec).expect("legal");
-        let early = check_frame_path(Path::new("f.png"), &mono).unwrap_err().to_string();
+        let check = |path: &str, instrument: &Instrument| {
+            check_frame_files(&FrameFiles::of_output(&[path.into()], instrument).unwrap(), instrument)
+        };
+        let early = check("f.png", &mono).unwrap_err().to_string();
         let late = encode_frame(Path::new("f.png"), &frame(2, 255), Mosaic::Mono).unwrap_err().to_string();
         assert_eq!(early, late);
-        assert!(check_frame_path(Path::new("f.bmp"), &paper::instrument()).is_err());
-        assert!(check_frame_path(Path::new("f"), &paper::instrument()).is_err());
+        assert!(check("f.bmp", &paper::instrument()).is_err());
+        assert!(check("f", &paper::instrument()).is_err());
     }
 }

@@ -3,7 +3,9 @@
 //! Whatever is written is encoded in memory first and reaches its path in one rename ([`output`]), so a failed command
 //! leaves nothing half-written. Every error is one sentence that starts with the path.
 
+pub mod envi;
 pub mod features;
+pub mod files;
 pub mod folder;
 pub mod frame;
 pub mod input;

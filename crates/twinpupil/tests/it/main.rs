@@ -2,6 +2,7 @@
 #![cfg(test)]
 
 mod bad_input;
+mod carriers;
 mod commands;
 mod experiments;
 mod golden;
