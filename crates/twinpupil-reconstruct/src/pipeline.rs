@@ -217,6 +217,7 @@ impl Reconstructor {
                 .map(|band| placed.feature(band).map(|feature| signs[band] * feature.height_codes))
                 .collect(),
             placed: true,
+            doubtful: placed.point.telecentric.overlapped || placed.point.entocentric.overlapped,
         };
         let mut seeds: Vec<Seed> = points.iter().flatten().map(seed).collect();
         let placed = seeds.len();
@@ -292,6 +293,7 @@ impl Reconstructor {
                     diameter_mm: (diameter_px * self.instrument.sensor.pitch_mm / m).max(1e-3),
                     contrast,
                     placed: false,
+                    doubtful: true,
                 });
             }
         }

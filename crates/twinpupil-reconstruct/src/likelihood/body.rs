@@ -22,8 +22,12 @@ pub(crate) struct Body {
     pub(crate) alive: bool,
     /// Rounds in which it has been fitted.
     pub(crate) rounds: usize,
-    /// Whether its edges had to be softened at first.
-    pub(crate) softened: bool,
+    /// Whether it may be far from its place at first.
+    pub(crate) doubtful: bool,
+    /// Whether pixels that do not fit were left out in the last round.
+    pub(crate) masked: bool,
+    /// Whether another's light reaches into its window.
+    pub(crate) has_neighbours: bool,
 }
 
 /// A dot's light in one band.
@@ -68,36 +72,35 @@ impl BandLight {
     }
 }
 
-/// Blur added to sharp edges in the first rounds, so that they are felt from farther away.
-const SOFTENING_PX: [f64; 3] = [3.0, 1.5, 0.7];
-
-/// Edges at least so wide are felt from far enough.
-const WIDE_PX: f64 = 3.0;
+/// Blur added to the edges of a doubtful dot in the first round, so that they are felt from farther away.
+const SOFTENING_PX: f64 = 2.0;
 
 /// Rounds after which pixels that do not fit are left out, come what may.
 const PATIENCE: usize = 6;
 
-/// After a step this small, in standard deviations, a dot is near its place.
-const NEAR_SIGMAS: f64 = 3.0;
+/// After a step this small, in standard deviations, a dot is so near its place that pixels which do not fit at all are
+/// not its own.
+const NEAR_SIGMAS: f64 = 100.0;
 
 /// After a step this small, and with so much χ² a pixel, a dot is where its surface is.
 const SETTLED_SIGMAS: f64 = 30.0;
 const SETTLED_CHI2: f64 = 2.5;
 
-/// A step this small, in standard deviations, is none.
-const RESTING_SIGMAS: f64 = 0.1;
+/// After a step this small the next would be none: each is about the square of the last, over the width of the edge.
+const LAST_SIGMAS: f64 = 8.0;
+
+/// A step this small, in standard deviations, is none, also to the neighbours.
+const RESTING_SIGMAS: f64 = 0.3;
 
 impl Body {
     /// Blur to be added in the coming round, px.
     pub(crate) fn softening_px(&self) -> f64 {
-        let narrow = |light: &BandLight| light.spot.blur_px.abs() < WIDE_PX;
-        let needed = self.rounds > 0 && self.softened || self.bands.iter().flatten().any(narrow);
-        SOFTENING_PX.get(self.rounds).copied().filter(|_| needed).unwrap_or(0.0)
+        if self.doubtful && self.rounds == 0 { SOFTENING_PX } else { 0.0 }
     }
 
     /// Whether it is near enough to its place that pixels which do not fit are not its own.
     pub(crate) fn is_near(&self) -> bool {
-        self.rounds > SOFTENING_PX.len() && self.step_sigmas < NEAR_SIGMAS || self.rounds > PATIENCE
+        self.rounds > 0 && self.step_sigmas < NEAR_SIGMAS || self.rounds > PATIENCE
     }
 
     /// Whether it has come to where its pixels are explained.
@@ -108,7 +111,8 @@ impl Body {
 
     /// Whether another round would not move it.
     pub(crate) fn rests(&self) -> bool {
-        !self.alive || self.rounds > SOFTENING_PX.len() && self.step_sigmas < RESTING_SIGMAS
+        let enough = if self.has_neighbours { RESTING_SIGMAS } else { LAST_SIGMAS };
+        !self.alive || self.rounds > 1 && self.masked && self.step_sigmas < enough
     }
 
     /// Information and score on x, y, z and diameter from all bands.

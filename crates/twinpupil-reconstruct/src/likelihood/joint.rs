@@ -134,8 +134,8 @@ impl Joint<'_> {
                 continue;
             }
             let softening_px = self.bodies[index].softening_px();
-            self.bodies[index].softened = softening_px > 0.0;
             let mask_foreign = self.bodies[index].is_near();
+            self.bodies[index].masked = mask_foreign;
             self.refresh(index, softening_px);
             for band in 0..self.bands.len() {
                 self.measure(index, band, mask_foreign, softening_px == 0.0, workspace);
@@ -157,7 +157,7 @@ impl Joint<'_> {
     }
 
     /// Finds again which bodies' images touch.
-    pub(crate) fn meet_neighbours(&self, workspace: &mut Workspace) {
+    pub(crate) fn meet_neighbours(&mut self, workspace: &mut Workspace) {
         let (bands, bodies) = (self.bands.len(), self.bodies.len());
         workspace.neighbours.resize_with(bands * bodies, Vec::new);
         workspace.neighbours.iter_mut().for_each(Vec::clear);
@@ -182,6 +182,10 @@ impl Joint<'_> {
                     }
                 }
             }
+        }
+        for (index, body) in self.bodies.iter_mut().enumerate() {
+            let own = &workspace.neighbours[index * bands..(index + 1) * bands];
+            body.has_neighbours = own.iter().any(|neighbours| !neighbours.is_empty());
         }
     }
 

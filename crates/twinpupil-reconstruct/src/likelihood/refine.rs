@@ -35,6 +35,8 @@ pub(crate) struct Seed {
     pub(crate) contrast: Vec<Option<f64>>,
     /// Whether its bands together tell its depth.
     pub(crate) placed: bool,
+    /// Whether its place may be off by more than the width of an edge.
+    pub(crate) doubtful: bool,
 }
 
 /// A dot as its pixels know it.
@@ -62,11 +64,15 @@ impl Refined {
 /// Depth of a dot that only one band shows is about that of the others, mm.
 const LONE_Z_STD_MM: f64 = 30.0;
 
+/// A change of slope that moves a dot by some tenths of its deviation, and the step after which it is looked at again.
+const SLOPE_FELT: f64 = 0.003;
+const SLOPE_SIGMAS: f64 = 20.0;
+
 /// Rounds at most.
 const SWEEPS: usize = 16;
 
 /// Rounds before which the slopes of surfaces are found: from the first positions, and when they are settled again.
-const SLOPE_ROUNDS: [usize; 4] = [0, 3, 4, 5];
+const SLOPE_ROUNDS: [usize; 4] = [0, 1, 2, 4];
 
 impl ForwardModel {
     /// The model of the bands of an instrument with these indices.
@@ -135,7 +141,9 @@ fn body(seed: &Seed, views: &[BandView<'_>], background: &[f64]) -> Body {
         step_sigmas: f64::INFINITY,
         alive: true,
         rounds: 0,
-        softened: false,
+        doubtful: seed.doubtful,
+        masked: false,
+        has_neighbours: false,
     }
 }
 
@@ -148,7 +156,12 @@ fn set_slopes(bodies: &mut [Body], seeds: &[Seed], first: bool) {
     };
     let mut slopes = local_slopes(&places(bodies, first), &places(bodies, true)).into_iter();
     for (body, _) in bodies.iter_mut().zip(seeds).filter(|(body, seed)| seed.placed && body.alive) {
-        body.dot.slopes = slopes.next().flatten().unwrap_or(body.dot.slopes);
+        let before = body.dot.slopes;
+        body.dot.slopes = slopes.next().flatten().unwrap_or(before);
+        // A dot that leans otherwise than it seemed is not where it seemed.
+        if (0..2).any(|axis| (before[axis] - body.dot.slopes[axis]).abs() > SLOPE_FELT) {
+            body.step_sigmas = body.step_sigmas.max(SLOPE_SIGMAS);
+        }
         // At first it is taken to face the camera, with the area of its foreshortened image.
         if first {
             body.dot.diameter_mm *= (1.0 + body.dot.slopes[0].powi(2) + body.dot.slopes[1].powi(2)).powf(0.25);
