@@ -137,7 +137,8 @@ impl Reconstructor {
         let [u, v] = instrument.sensor.axis_px;
         let estimator = match options.mode {
             Mode::Paper => Estimator::Radial { axis: PixelPoint { u, v } },
-            Mode::Centroid | Mode::Model => Estimator::Cartesian,
+            Mode::Centroid => Estimator::Cartesian,
+            Mode::Model => Estimator::Rough,
         };
         let table = table.filter(|_| options.mode != Mode::Paper);
         let bands = [Role::Telecentric, Role::Entocentric].map(|role| instrument.band_index(role));
