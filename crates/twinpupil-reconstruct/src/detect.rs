@@ -12,6 +12,7 @@ use crate::rejection::{Bystander, RejectionReason};
 use crate::relief::{BINOMIAL_GAIN, Relief};
 use crate::scout::ground::{Ground, Survey};
 use crate::scout::light::Light;
+use crate::scout::run::runs_of_row;
 use crate::scout::{Blob, Scout};
 use crate::shading::Shading;
 use crate::window::{Disc, Windows, overlapping};
@@ -204,15 +205,19 @@ fn find(
     line: &mut Vec<f32>,
 ) {
     const SPARE_SIGMAS: f32 = 1.0;
+    // Where features are large, every other row tells enough.
+    const LARGE: usize = 15;
+    const COARSE: usize = 2;
     let noise = field.ground.pixel_noise;
     let sigmas = options.significance_min as f32;
     let (significant, clear) = (sigmas * noise, CLEAR_SIGMAS * noise);
     let floor = |typical: f32, noise: f32| (0.5 * options.relative_contrast_min as f32 * typical).max(noise);
     let light = field.light();
     let mut typical = typical_height(&light, significant, line);
+    let step = if typical > 0.0 && median_run(&light, 0.5 * typical) >= LARGE { COARSE } else { 1 };
     // Few features may have been missed by the samples.
     if typical == 0.0 || typical >= clear {
-        scout.find(&light, floor(typical, significant + SPARE_SIGMAS * noise), blobs);
+        scout.find(&light, step, floor(typical, significant + SPARE_SIGMAS * noise), blobs);
         line.clear();
         line.extend(blobs.iter().map(|blob| blob.height));
         typical = quantile(line, 0.9);
@@ -221,15 +226,17 @@ fn find(
         let contrast = field.contrast();
         relief.smooth(&contrast.signal, contrast.columns);
         let smooth = Light::Field { columns: contrast.columns, contrasts: &relief.heights };
-        scout.find(&smooth, floor(typical, BINOMIAL_GAIN * significant), blobs);
+        scout.find(&smooth, step, floor(typical, BINOMIAL_GAIN * significant), blobs);
     }
     blobs.retain(|blob| blob.height > significant);
     blobs.sort_by(|a, b| a.centre[1].total_cmp(&b.centre[1]).then(a.centre[0].total_cmp(&b.centre[0])));
 }
 
+/// Rows from one sample to the next.
+const STRIDE: usize = 12;
+
 /// How high features rise, from samples of what stands out; 0 if none does.
 fn typical_height(light: &Light<'_>, significant: f32, line: &mut Vec<f32>) -> f32 {
-    const STRIDE: usize = 12;
     const ALONG: usize = 7;
     line.clear();
     for row in (STRIDE / 2..light.rows()).step_by(STRIDE) {
@@ -237,6 +244,26 @@ fn typical_height(light: &Light<'_>, significant: f32, line: &mut Vec<f32>) -> f
         line.extend(columns.map(|column| light.at(column, row)).filter(|contrast| *contrast > significant));
     }
     quantile(line, 0.9)
+}
+
+/// Median length of the runs of pixels above a level along some rows; 0 without any.
+fn median_run(light: &Light<'_>, level: f32) -> usize {
+    const LONGEST: usize = 64;
+    let (mut counts, mut masks, mut runs) = ([0_usize; LONGEST + 1], Vec::new(), 0);
+    for row in (STRIDE / 2..light.rows()).step_by(STRIDE) {
+        runs_of_row(light.against(row, level), &mut masks, |first, end| {
+            counts[(end - first).min(LONGEST)] += 1;
+            runs += 1;
+        });
+    }
+    let mut shorter = 0;
+    counts
+        .iter()
+        .position(|count| {
+            shorter += count;
+            2 * shorter > runs
+        })
+        .unwrap_or(0)
 }
 
 /// Where the light of a blob lies.
@@ -367,16 +394,13 @@ impl Measure<'_> {
             return false;
         }
         let step = self.plane.step_px;
-        let at_limit: usize = self
-            .scout
-            .runs_of(blob)
-            .iter()
-            .map(|run| {
-                let line = self.plane.line(run.row as usize)[run.first as usize * step..].iter().step_by(step);
-                line.take(run.pixels() as usize).filter(|code| **code == code_max).count()
-            })
-            .sum();
-        50 * at_limit > blob.pixels
+        let (mut at_limit, mut pixels) = (0, 0);
+        for (row, columns) in self.scout.runs_of(blob) {
+            let line = self.plane.line(row)[columns.start * step..].iter().step_by(step);
+            at_limit += line.take(columns.len()).filter(|code| **code == code_max).count();
+            pixels += columns.len();
+        }
+        50 * at_limit > pixels
     }
 
     fn feature(&self, blob: &Blob, centre: Centre, overlapped: bool) -> Feature {
@@ -385,7 +409,7 @@ impl Measure<'_> {
         Feature {
             centre: PixelPoint { u: self.plane.frame_u_px(column), v: self.plane.frame_v_px(row) },
             centre_std_px: centre.std.map(|std| std * step),
-            area_px: (blob.pixels * self.plane.step_px.pow(2)) as f64,
+            area_px: blob.area * step * step,
             height_codes: f64::from(blob.height),
             ground_codes: self.ground.level,
             edge_px: blob.edge * step,

@@ -47,23 +47,24 @@ pub(crate) fn paper_position(instrument: &Instrument, model: &Model, pair: &Meas
     let [telecentric, entocentric] = pair.images;
     let azimuth_rad = 0.5 * (telecentric.azimuth_rad() + entocentric.azimuth_rad());
     let position_mm = position_from_radii_mm(f, l, telecentric.radius_mm(), entocentric.radius_mm(), azimuth_rad)?;
-    let jacobian = jacobian(|object_mm| model.chief_images(object_mm), position_mm);
-    Some(Position { position_mm, covariance_mm2: covariance(&jacobian, pair)? })
+    Some(Position { position_mm, covariance_mm2: covariance(&chief_slopes(model, position_mm), pair)? })
 }
 
 /// The point whose modelled images lie nearest to the measured ones, by weighted least squares over all four image
 /// coordinates.
 ///
 /// Gauss–Newton from `start_mm`, with the slopes of the chief rays: what the lens adds to them changes slowly, so the
-/// steps still shrink fast, at a tenth of the cost.
+/// steps still shrink fast, at a tenth of the cost. They end where the next one would be too small to matter.
 pub(crate) fn model_position(model: &Model, pair: &MeasuredPair, disc: &Disc, start_mm: [f64; 3]) -> Option<Position> {
     const ROUNDS: usize = 40;
     const RESTING_MM: f64 = 1e-6;
+    const RATIO_UNKNOWN: f64 = 0.5;
     let weights = pair.weights();
     let measured = MeasuredPair::vector(pair.images);
     let mut object_mm = start_mm;
+    let mut before_mm: Option<f64> = None;
     for _ in 0..ROUNDS {
-        let slopes = jacobian(|object_mm| model.chief_images(object_mm), object_mm);
+        let slopes = chief_slopes(model, object_mm);
         let weighted = Matrix4x3::from_fn(|i, j| slopes[(i, j)] * weights[i]);
         let residual = (measured - MeasuredPair::vector(model.images(object_mm, disc))).component_mul(&weights);
         let step = (weighted.transpose() * weighted).cholesky()?.solve(&(weighted.transpose() * residual));
@@ -73,50 +74,60 @@ pub(crate) fn model_position(model: &Model, pair: &MeasuredPair, disc: &Disc, st
         if object_mm[2] <= 0.0 || !object_mm.iter().all(|c| c.is_finite()) {
             return None;
         }
-        if step.norm() < RESTING_MM {
+        let step_mm = step.norm();
+        let ratio = before_mm.map_or(RATIO_UNKNOWN, |before_mm| (step_mm / before_mm).min(1.0));
+        if ratio * step_mm < RESTING_MM {
             break;
         }
+        before_mm = Some(step_mm);
     }
-    let covariance_mm2 = covariance(&jacobian(|object_mm| model.chief_images(object_mm), object_mm), pair)?;
+    let covariance_mm2 = covariance(&chief_slopes(model, object_mm), pair)?;
     Some(Position { position_mm: object_mm, covariance_mm2 })
 }
 
-/// Where the chief rays of the two bands meet, by bisection for the distance at which the ratio of their
+/// Where the chief rays of the two bands meet, by regula falsi (Illinois) for the distance at which the ratio of their
 /// magnifications is Γ.
 pub(crate) fn first_order_position_mm(instrument: &Instrument, model: &Model, pair: &MeasuredPair) -> Option<[f64; 3]> {
+    const ROUNDS: usize = 60;
+    const RESTING_MM: f64 = 1e-6;
     let gamma = pair.gamma();
     let excess = |z_mm: f64| {
         let [telecentric, entocentric] = model.magnifications(z_mm);
         telecentric / entocentric - gamma
     };
     let range = instrument.depth_range();
-    let (mut near_mm, mut far_mm) = (0.5 * range.near_mm, 2.0 * range.far_mm);
-    if !gamma.is_finite() || excess(near_mm).signum() == excess(far_mm).signum() {
+    let (mut a_mm, mut b_mm) = (0.5 * range.near_mm, 2.0 * range.far_mm);
+    let (mut at_a, mut at_b) = (excess(a_mm), excess(b_mm));
+    if !gamma.is_finite() || at_a.signum() == at_b.signum() {
         return None;
     }
-    let rising = excess(far_mm) > 0.0;
-    while far_mm - near_mm > 1e-6 {
-        let middle_mm = 0.5 * (near_mm + far_mm);
-        if (excess(middle_mm) > 0.0) == rising { far_mm = middle_mm } else { near_mm = middle_mm }
+    // b is always the end that was found last.
+    for _ in 0..ROUNDS {
+        let z_mm = (a_mm * at_b - b_mm * at_a) / (at_b - at_a);
+        let (moved_mm, at_z) = ((z_mm - b_mm).abs(), excess(z_mm));
+        if at_z.signum() == at_b.signum() {
+            at_a *= 0.5
+        } else {
+            (a_mm, at_a) = (b_mm, at_b)
+        }
+        (b_mm, at_b) = (z_mm, at_z);
+        if at_z == 0.0 || moved_mm < RESTING_MM {
+            break;
+        }
     }
-    let [magnification, _] = model.magnifications(near_mm);
+    let [magnification, _] = model.magnifications(b_mm);
     let ImagePoint { x_mm, y_mm } = pair.images[0];
-    Some([x_mm / magnification, y_mm / magnification, near_mm])
+    Some([x_mm / magnification, y_mm / magnification, b_mm])
 }
 
-/// Change of the four image coordinates with the object's three, by central differences.
-fn jacobian(images: impl Fn([f64; 3]) -> ImagePair, object_mm: [f64; 3]) -> Matrix4x3<f64> {
-    const STEPS_MM: [f64; 3] = [1e-3, 1e-3, 1e-2];
-    let mut jacobian = Matrix4x3::zeros();
-    for (axis, step_mm) in STEPS_MM.into_iter().enumerate() {
-        let at = |sign: f64| {
-            let mut moved_mm = object_mm;
-            moved_mm[axis] += sign * step_mm;
-            MeasuredPair::vector(images(moved_mm))
-        };
-        jacobian.set_column(axis, &((at(1.0) - at(-1.0)) / (2.0 * step_mm)));
-    }
-    jacobian
+/// Change of the four first-order image coordinates with the object's three: along z by central differences.
+fn chief_slopes(model: &Model, object_mm: [f64; 3]) -> Matrix4x3<f64> {
+    const STEP_MM: f64 = 1e-2;
+    let [x_mm, y_mm, z_mm] = object_mm;
+    let [r, b] = model.magnifications(z_mm);
+    let at = |z_mm: f64| MeasuredPair::vector(model.chief_images([x_mm, y_mm, z_mm]));
+    let along_z = (at(z_mm + STEP_MM) - at(z_mm - STEP_MM)) / (2.0 * STEP_MM);
+    Matrix4x3::new(r, 0.0, along_z[0], 0.0, r, along_z[1], b, 0.0, along_z[2], 0.0, b, along_z[3])
 }
 
 /// `(Jᵀ W J)⁻¹`.

@@ -28,7 +28,7 @@ pub(crate) struct Survey {
 
 /// Tiles across and down the plane, and samples across and down a tile.
 const TILES: [usize; 2] = [8, 5];
-const TILE_SAMPLES: usize = 10;
+const TILE_SAMPLES: usize = 8;
 
 /// Share of a tile that is surely ground on either side of the middle, however many features it holds.
 const GROUND_SHARE: f64 = 0.2;

@@ -5,8 +5,8 @@ use crate::scout::run::Run;
 /// A hull; its buffers are used again from piece to piece.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Hull {
-    left: Vec<[i64; 2]>,
-    right: Vec<[i64; 2]>,
+    left: Vec<[i32; 2]>,
+    right: Vec<[i32; 2]>,
 }
 
 impl Hull {
@@ -20,23 +20,23 @@ impl Hull {
         let mut pixels = 0;
         for row in runs.chunk_by(|a, b| a.row == b.row) {
             let [(Some(first), Some(last))] = [(row.first(), row.last())] else { continue };
-            let v = i64::from(first.row);
-            add(&mut self.left, [i64::from(first.first), v], 1);
-            add(&mut self.right, [i64::from(last.end) - 1, v], -1);
+            let v = first.row as i32;
+            add(&mut self.left, [first.first as i32, v], 1);
+            add(&mut self.right, [last.end as i32 - 1, v], -1);
             pixels += row.iter().map(Run::pixels).sum::<u32>();
         }
         let outline = self.left.iter().chain(self.right.iter().rev());
         let (mut twice_area, mut rim) = (0, 0);
         for (a, b) in outline.clone().zip(outline.clone().skip(1).chain(self.left.first())) {
-            twice_area += a[0] * b[1] - a[1] * b[0];
+            twice_area += i64::from(a[0]) * i64::from(b[1]) - i64::from(a[1]) * i64::from(b[0]);
             rim += common_divisor((b[0] - a[0]).unsigned_abs(), (b[1] - a[1]).unsigned_abs());
         }
-        f64::from(pixels) / (0.5 * (twice_area.abs() as f64 + rim as f64) + 1.0)
+        f64::from(pixels) / (0.5 * (twice_area.abs() as f64 + f64::from(rim)) + 1.0)
     }
 }
 
 /// Adds the next lower point to one side of a hull, which bulges to the left for `side` 1 and to the right for −1.
-fn add(chain: &mut Vec<[i64; 2]>, point: [i64; 2], side: i64) {
+fn add(chain: &mut Vec<[i32; 2]>, point: [i32; 2], side: i32) {
     while let [.., a, b] = chain[..] {
         let turn = (b[0] - a[0]) * (point[1] - a[1]) - (b[1] - a[1]) * (point[0] - a[0]);
         if side * turn < 0 {
@@ -47,7 +47,10 @@ fn add(chain: &mut Vec<[i64; 2]>, point: [i64; 2], side: i64) {
     chain.push(point);
 }
 
-fn common_divisor(mut a: u64, mut b: u64) -> u64 {
+fn common_divisor(mut a: u32, mut b: u32) -> u32 {
+    if a == 1 || b == 1 {
+        return 1;
+    }
     while b > 0 {
         (a, b) = (b, a % b);
     }

@@ -26,12 +26,8 @@ pub(crate) enum Light<'a> {
     },
 }
 
-/// Pixels that are looked at together.
+/// Pixels that are looked at together: one for each bit of a mask.
 pub(crate) const BLOCK: usize = 16;
-
-/// What a block holds: pixels above a limit, pixels not above it, or both.
-pub(crate) const ABOVE: u8 = 1;
-pub(crate) const BELOW: u8 = 2;
 
 impl Light<'_> {
     /// Columns of the plane.
@@ -54,11 +50,9 @@ impl Light<'_> {
     pub(crate) fn read(&self, row: usize, first: usize, contrasts: &mut [f32]) {
         match self {
             Self::Codes { plane, level, polarity } => {
-                plane.read_span(row, first, contrasts);
-                match polarity {
-                    Polarity::Bright => contrasts.iter_mut().for_each(|value| *value -= level),
-                    Polarity::Dark => contrasts.iter_mut().for_each(|value| *value = level - *value),
-                }
+                let sign = if *polarity == Polarity::Bright { 1.0 } else { -1.0 };
+                let line = &plane.line(row)[first * plane.step_px..];
+                read_codes(line, plane.step_px, sign, -sign * level, contrasts);
             }
             Self::Field { columns, contrasts: field } => {
                 let start = row * columns + first;
@@ -97,6 +91,24 @@ impl Light<'_> {
     }
 }
 
+/// Reads every `step`-th code times a sign, and something added.
+#[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
+fn read_codes(line: &[u16], step: usize, sign: f32, added: f32, contrasts: &mut [f32]) {
+    let contrast = |code: u16| sign * f32::from(code) + added;
+    match step {
+        1 => contrasts.iter_mut().zip(line).for_each(|(value, code)| *value = contrast(*code)),
+        2 => {
+            let (pairs, rest) = line.as_chunks::<2>();
+            // A row of odd length ends in a pixel without a partner.
+            if let ([code], Some(last)) = (rest, contrasts.get_mut(pairs.len())) {
+                *last = contrast(*code);
+            }
+            contrasts.iter_mut().zip(pairs).for_each(|(value, pair)| *value = contrast(pair[0]));
+        }
+        _ => contrasts.iter_mut().zip(line.iter().step_by(step)).for_each(|(value, code)| *value = contrast(*code)),
+    }
+}
+
 /// A row whose pixels are asked whether they are above a limit.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum RowAgainst<'a> {
@@ -105,65 +117,47 @@ pub(crate) enum RowAgainst<'a> {
 }
 
 impl RowAgainst<'_> {
-    /// Marks the whole blocks of the row; what is left at its end has no mark.
-    pub(crate) fn mark(&self, marks: &mut Vec<u8>) {
-        marks.clear();
+    /// A mask for every block of the row, with a bit set for each pixel above the limit; beyond the row none is.
+    pub(crate) fn masks(&self, masks: &mut Vec<u16>) {
+        masks.clear();
         match *self {
-            Self::Codes { line, step: 1, complement, limit } => mark_all(line, complement, limit, marks),
-            Self::Codes { line, step: 2, complement, limit } => mark_every_other(line, complement, limit, marks),
-            Self::Codes { .. } => {}
-            Self::Field { line, limit } => mark_field(line, limit, marks),
-        }
-    }
-
-    /// One bit for each of up to 16 pixels from a column on, set where the pixel is above the limit.
-    pub(crate) fn bits(&self, first: usize, count: usize) -> u32 {
-        match *self {
-            Self::Codes { line, step, complement, limit } => {
-                let pixels = line[first * step..].iter().step_by(step).take(count);
-                pixels.enumerate().fold(0, |bits, (k, &code)| bits | u32::from(code ^ complement > limit) << k)
-            }
-            Self::Field { line, limit } => {
-                let pixels = line[first..first + count].iter().enumerate();
-                pixels.fold(0, |bits, (k, &value)| bits | u32::from(value > limit) << k)
-            }
+            Self::Codes { line, step: 1, complement, limit } => masks_of_all(line, complement, limit, masks),
+            Self::Codes { line, step: 2, complement, limit } => masks_of_every_other(line, complement, limit, masks),
+            Self::Codes { line, step, complement, limit } => masks.extend(
+                line.chunks(step * BLOCK)
+                    .map(|block| mask(block.iter().step_by(step).map(|code| code ^ complement > limit))),
+            ),
+            Self::Field { line, limit } => masks_of_field(line, limit, masks),
         }
     }
 }
 
 #[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
-fn mark_all(line: &[u16], complement: u16, limit: u16, marks: &mut Vec<u8>) {
-    let blocks = line.as_chunks::<BLOCK>().0;
-    marks.extend(blocks.iter().map(|block| mark(block.iter().map(|code| code ^ complement), limit)));
+fn masks_of_all(line: &[u16], complement: u16, limit: u16, masks: &mut Vec<u16>) {
+    let (blocks, rest) = line.as_chunks::<BLOCK>();
+    masks.extend(blocks.iter().map(|block| mask(block.iter().map(|code| code ^ complement > limit))));
+    masks.push(mask(rest.iter().map(|code| code ^ complement > limit)));
 }
 
 #[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
-fn mark_every_other(line: &[u16], complement: u16, limit: u16, marks: &mut Vec<u8>) {
-    let blocks = line.as_chunks::<{ 2 * BLOCK }>().0;
-    marks.extend(blocks.iter().map(|block| {
+fn masks_of_every_other(line: &[u16], complement: u16, limit: u16, masks: &mut Vec<u16>) {
+    let (blocks, rest) = line.as_chunks::<{ 2 * BLOCK }>();
+    masks.extend(blocks.iter().map(|block| {
         let pairs = block.as_chunks::<2>().0;
-        mark(pairs.iter().map(|pair| pair[0] ^ complement), limit)
+        mask(pairs.iter().map(|pair| pair[0] ^ complement > limit))
     }));
-}
-
-/// The mark of a block: differences that saturate at zero tell on which sides of the limit its codes lie.
-#[inline(always)]
-fn mark(codes: impl Iterator<Item = u16>, limit: u16) -> u8 {
-    let (above, below) = codes.fold((0, 0), |(above, below), code| {
-        (above | code.saturating_sub(limit), below | limit.saturating_add(1).saturating_sub(code))
-    });
-    u8::from(above != 0) * ABOVE + u8::from(below != 0) * BELOW
+    masks.push(mask(rest.iter().step_by(2).map(|code| code ^ complement > limit)));
 }
 
 #[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
-fn mark_field(line: &[f32], limit: f32, marks: &mut Vec<u8>) {
-    let blocks = line.as_chunks::<BLOCK>().0;
-    marks.extend(blocks.iter().map(|block| {
-        let above = block.iter().fold(0_u32, |count, value| count + u32::from(*value > limit));
-        match above {
-            0 => BELOW,
-            16 => ABOVE,
-            _ => ABOVE + BELOW,
-        }
-    }));
+fn masks_of_field(line: &[f32], limit: f32, masks: &mut Vec<u16>) {
+    let (blocks, rest) = line.as_chunks::<BLOCK>();
+    masks.extend(blocks.iter().map(|block| mask(block.iter().map(|value| *value > limit))));
+    masks.push(mask(rest.iter().map(|value| *value > limit)));
+}
+
+/// One bit for each of up to 16 answers.
+#[inline(always)]
+fn mask(above: impl Iterator<Item = bool>) -> u16 {
+    above.enumerate().fold(0, |mask, (k, above)| mask | if above { 1 << k } else { 0 })
 }

@@ -13,7 +13,7 @@ mod hull;
 pub(crate) mod light;
 mod neck;
 pub(crate) mod row;
-mod run;
+pub(crate) mod run;
 
 use std::ops::Range;
 
@@ -31,6 +31,8 @@ pub(crate) struct Blob {
     pub(crate) centre: [f64; 2],
     /// Number of pixels above half its height.
     pub(crate) pixels: usize,
+    /// Area above half its height, whose border runs between pixels.
+    pub(crate) area: f64,
     /// Distance from the centre to the farthest of them.
     pub(crate) extent: f64,
     /// Typical contrast at its top, codes.
@@ -58,7 +60,9 @@ struct Piece {
 /// Finds blobs; its buffers are used again from plane to plane.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Scout {
-    /// Runs of all pieces, piece by piece.
+    /// Rows from one that is looked at to the next.
+    step: usize,
+    /// Runs of all pieces, piece by piece; their rows are counted in steps.
     runs: Vec<Run>,
     /// Pieces that are not yet looked at.
     open: Vec<Piece>,
@@ -66,7 +70,7 @@ pub(crate) struct Scout {
     forest: Forest,
     numbers: Vec<u32>,
     trees: Vec<Tree>,
-    marks: Vec<u8>,
+    masks: Vec<u16>,
     contrasts: Vec<f32>,
     tops: Vec<f32>,
     hull: Hull,
@@ -97,11 +101,12 @@ const CONVEX: f64 = 0.95;
 const CONVEX_AT_HALF: f64 = 0.97;
 
 /// Height is this quantile of the contrasts above half the highest.
-const TOP: f64 = 0.75;
+const TOP: f64 = 0.7;
 
 impl Scout {
-    /// Finds all blobs of a plane that reach above a floor.
-    pub(crate) fn find(&mut self, light: &Light<'_>, floor: f32, blobs: &mut Vec<Blob>) {
+    /// Finds all blobs of a plane that reach above a floor, on every `step`-th of its rows.
+    pub(crate) fn find(&mut self, light: &Light<'_>, step: usize, floor: f32, blobs: &mut Vec<Blob>) {
+        self.step = step;
         blobs.clear();
         self.runs.clear();
         self.open.clear();
@@ -112,20 +117,24 @@ impl Scout {
         }
     }
 
-    /// The runs of a blob that was found last.
-    pub(crate) fn runs_of(&self, blob: &Blob) -> &[Run] {
-        &self.runs[blob.runs[0] as usize..blob.runs[1] as usize]
+    /// Runs of a blob that was found last, on the rows that were looked at: row of the plane and columns.
+    pub(crate) fn runs_of(&self, blob: &Blob) -> impl Iterator<Item = (usize, Range<usize>)> {
+        let runs = &self.runs[blob.runs[0] as usize..blob.runs[1] as usize];
+        runs.iter().map(|run| (run.row as usize * self.step, run.first as usize..run.end as usize))
     }
 
     /// All runs of the plane above the floor.
     fn sweep(&mut self, light: &Light<'_>, floor: f32) {
-        let Self { cut, marks, contrasts, .. } = self;
+        let Self { step, cut, masks, contrasts, .. } = self;
         cut.clear();
-        for row in 0..light.rows() {
-            runs_of_row(light.against(row, floor), light.columns(), marks, |first, end| {
+        let columns = light.columns();
+        for (step_row, row) in (0..light.rows()).step_by(*step).enumerate() {
+            runs_of_row(light.against(row, floor), masks, |first, end| {
+                let end = end.min(columns);
                 contrasts.resize(end - first, 0.0);
                 light.read(row, first, contrasts);
-                cut.push(Run { row: row as u32, first: first as u32, end: end as u32, peak: highest_pair(contrasts) });
+                let [row, first, end] = [step_row, first, end].map(|place| place as u32);
+                cut.push(Run { row, first, end, peak: highest_pair(contrasts) });
             });
         }
         self.forest.grow(cut);
@@ -137,12 +146,12 @@ impl Scout {
 
     /// The runs of a piece above a higher level.
     fn rise(&mut self, light: &Light<'_>, piece: &Piece, level: f32) {
-        let Self { cut, marks, contrasts, runs, .. } = self;
+        let Self { step, cut, masks, contrasts, runs, .. } = self;
         cut.clear();
         for run in &runs[piece.runs.clone()] {
             contrasts.resize(run.pixels() as usize, 0.0);
-            light.read(run.row as usize, run.first as usize, contrasts);
-            RowLight { contrasts, first: run.first }.runs_above(level, marks, |first, end, peak| {
+            light.read(run.row as usize * *step, run.first as usize, contrasts);
+            RowLight { contrasts, first: run.first }.runs_above(level, masks, |first, end, peak| {
                 cut.push(Run { row: run.row, first, end, peak });
             });
         }
@@ -213,14 +222,14 @@ impl Scout {
 
     /// Typical contrast at the top of a piece: robust against single bright pixels.
     fn height(&mut self, light: &Light<'_>, piece: &Piece) -> f32 {
-        const SAMPLES: u32 = 128;
+        const SAMPLES: u32 = 256;
         let stride = (piece.pixels / SAMPLES).max(1);
         self.tops.clear();
         // Samples go on from run to run, as if all stood in one line.
         let mut next = stride / 2;
         for run in &self.runs[piece.runs.clone()] {
             while next < run.pixels() {
-                let contrast = light.at((run.first + next) as usize, run.row as usize);
+                let contrast = light.at((run.first + next) as usize, run.row as usize * self.step);
                 if contrast >= 0.5 * piece.peak {
                     self.tops.push(contrast);
                 }
@@ -237,8 +246,8 @@ impl Scout {
         let whole =
             piece.pixels < PIXELS_TO_DIVIDE || self.hull.filled_share(&self.runs[piece.runs.clone()]) >= CONVEX_AT_HALF;
         if !whole {
-            let Self { necks, runs, cut, numbers, trees, .. } = self;
-            let discs = necks.divide(&runs[piece.runs.clone()], cut, numbers);
+            let Self { step, necks, runs, cut, numbers, trees, .. } = self;
+            let discs = necks.divide(&runs[piece.runs.clone()], *step, cut, numbers);
             if discs > 1 {
                 trees.clear();
                 trees.resize(discs, Tree::default());
@@ -256,38 +265,61 @@ impl Scout {
     /// Measures a piece.
     fn blob(&mut self, light: &Light<'_>, piece: &Piece, height: f32, skirt: Option<&Piece>) -> Option<Blob> {
         let runs = &self.runs[piece.runs.clone()];
-        let (mut sums, mut upper) = ([0.0; 3], 0);
+        let (mut sums, mut upper, mut length) = ([0.0; 3], 0, 0.0);
         for run in runs {
             self.contrasts.resize(run.pixels() as usize, 0.0);
-            light.read(run.row as usize, run.first as usize, &mut self.contrasts);
+            let row = run.row as usize * self.step;
+            light.read(row, run.first as usize, &mut self.contrasts);
             let line = RowLight { contrasts: &self.contrasts, first: run.first };
-            let [light, along] = line.light();
-            sums[0] += light;
+            let [sum, along] = line.light();
+            sums[0] += sum;
             sums[1] += along;
-            sums[2] += f64::from(run.row) * light;
+            sums[2] += row as f64 * sum;
             upper += line.count_above(0.75 * height);
+            length += length_of(light, row, run, &self.contrasts, piece.level);
         }
         let centre = [sums[1] / sums[0], sums[2] / sums[0]];
         if sums[0].is_nan() || sums[0] <= 0.0 {
             return None;
         }
-        let (columns, rows) = (light.columns() as u32, light.rows() as u32);
+        let step = self.step as u32;
+        let (columns, rows) = (light.columns() as u32, (light.rows() as u32).div_ceil(step));
         let on_edge = |run: &Run| run.row == 0 || run.first == 0 || run.row + 1 == rows || run.end == columns;
         let farthest2 = |run: &Run| {
             let side = (f64::from(run.first) - centre[0]).abs().max((f64::from(run.end) - 1.0 - centre[0]).abs());
-            side * side + (f64::from(run.row) - centre[1]).powi(2)
+            side * side + (f64::from(run.row * step) - centre[1]).powi(2)
         };
         Some(Blob {
             centre,
-            pixels: piece.pixels as usize,
+            pixels: (step * piece.pixels) as usize,
+            area: f64::from(step) * length,
             extent: runs.iter().map(farthest2).fold(0.0, f64::max).sqrt(),
             height,
-            edge: edge(piece.pixels, upper, skirt.map(|skirt| (skirt.pixels, skirt.level / height))),
+            edge: edge(
+                step * piece.pixels,
+                step * upper,
+                skirt.map(|skirt| (step * skirt.pixels, skirt.level / height)),
+            ),
             touches_edge: runs.iter().any(on_edge),
             alone: skirt.is_some(),
             runs: [piece.runs.start as u32, piece.runs.end as u32],
         })
     }
+}
+
+/// Length of a run between the places where the contrast passes its level, pixels.
+fn length_of(light: &Light<'_>, row: usize, run: &Run, contrasts: &[f32], level: f32) -> f64 {
+    // How far beyond the centre of its last pixel a run reaches; half a pixel where it ends in another feature.
+    let beyond = |inside: Option<&f32>, outside: Option<usize>| {
+        let outside = outside.filter(|column| *column < light.columns()).map(|column| light.at(column, row));
+        match (inside, outside) {
+            (Some(&inside), Some(outside)) if outside <= level => f64::from((inside - level) / (inside - outside)),
+            _ => 0.5,
+        }
+    };
+    let left = beyond(contrasts.first(), (run.first as usize).checked_sub(1));
+    let right = beyond(contrasts.last(), Some(run.end as usize));
+    f64::from(run.pixels()) - 1.0 + left + right
 }
 
 /// From half the height to the foot of an edge that is blurred over a disc, pixels: from how much wider the feature is

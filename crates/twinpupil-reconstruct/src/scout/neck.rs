@@ -14,20 +14,22 @@ pub(crate) struct Necks {
 
 impl Necks {
     /// Divides the runs of a piece between its discs: basins of the distance to its edge, with necks as saddles. Returns
-    /// the number of discs; `parts` are the runs and `numbers` their discs.
-    pub(crate) fn divide(&mut self, runs: &[Run], parts: &mut Vec<Run>, numbers: &mut Vec<u32>) -> usize {
+    /// the number of discs; `parts` are the runs and `numbers` their discs. Rows are `step` pixels apart.
+    pub(crate) fn divide(&mut self, runs: &[Run], step: usize, parts: &mut Vec<Run>, numbers: &mut Vec<u32>) -> usize {
         parts.clear();
         numbers.clear();
         let bounds = |(left, right): (u32, u32), run: &Run| (left.min(run.first), right.max(run.end));
         let (left, right) = runs.iter().fold((u32::MAX, 0), bounds);
         let (Some(first), Some(last)) = (runs.first(), runs.last()) else { return 0 };
         // A margin of one pixel on every side lies outside the piece.
-        let (columns, rows) = ((right - left + 2) as usize, (last.row - first.row + 3) as usize);
-        let place = |run: &Run| (run.row - first.row + 1) as usize * columns + (run.first - left + 1) as usize;
+        let (columns, rows) = ((right - left + 2) as usize, (last.row - first.row + 1) as usize * step + 2);
+        let place = |run: &Run| ((run.row - first.row) as usize * step + 1) * columns + (run.first - left + 1) as usize;
         self.depth.clear();
         self.depth.resize(columns * rows, 0.0);
         for run in runs {
-            self.depth[place(run)..][..run.pixels() as usize].fill(f32::INFINITY);
+            for row in 0..step {
+                self.depth[place(run) + row * columns..][..run.pixels() as usize].fill(f32::INFINITY);
+            }
         }
         distance_to_edge(&mut self.depth, columns);
         let basins = flood(&self.depth, columns, FloodRule { floor: 0.0, saddle: NECK, pixels_min: 4 });
@@ -94,7 +96,7 @@ mod tests {
 
     /// Number of discs that a shape is divided into.
     fn count(inside: impl Fn(f64, f64) -> bool) -> usize {
-        Necks::default().divide(&runs(inside), &mut Vec::new(), &mut Vec::new())
+        Necks::default().divide(&runs(inside), 1, &mut Vec::new(), &mut Vec::new())
     }
 
     fn discs(discs: &[(f64, f64, f64)]) -> usize {
@@ -126,7 +128,7 @@ mod tests {
     fn no_pixel_is_lost() {
         let runs = runs(|u, v| (u - 30.0).hypot(v - 30.0) <= 12.0 || (u - 50.0).hypot(v - 33.0) <= 12.0);
         let (mut parts, mut numbers) = (Vec::new(), Vec::new());
-        let count = Necks::default().divide(&runs, &mut parts, &mut numbers);
+        let count = Necks::default().divide(&runs, 1, &mut parts, &mut numbers);
         assert!(count == 2 && numbers.iter().all(|number| (*number as usize) < count));
         assert_eq!(parts.iter().map(Run::pixels).sum::<u32>(), runs.iter().map(Run::pixels).sum::<u32>());
         for (disc, centre) in [[30.0, 30.0], [50.0, 33.0]].into_iter().enumerate() {

@@ -14,7 +14,7 @@ pub(crate) struct RowLight<'a> {
 
 impl RowLight<'_> {
     /// Calls `found` with the first column, the column behind the last, and the highest pair of every run above a level.
-    pub(crate) fn runs_above(&self, level: f32, marks: &mut Vec<u8>, mut found: impl FnMut(u32, u32, f32)) {
+    pub(crate) fn runs_above(&self, level: f32, masks: &mut Vec<u16>, mut found: impl FnMut(u32, u32, f32)) {
         let Self { contrasts, first } = *self;
         let mut add = |start: usize, end: usize| {
             found(first + start as u32, first + end as u32, highest_pair(&contrasts[start..end]));
@@ -27,7 +27,7 @@ impl RowLight<'_> {
             add(start, end);
         } else {
             let against = RowAgainst::Field { line: inside, limit: level };
-            runs_of_row(against, inside.len(), marks, |a, b| add(start + a, start + b));
+            runs_of_row(against, masks, |a, b| add(start + a, start + b));
         }
     }
 
@@ -67,25 +67,38 @@ pub(crate) fn highest_pair(contrasts: &[f32]) -> f32 {
 }
 
 /// Sums of the values of a row, of value × index and of value × index².
+///
+/// The index is that of a block and the place in it: the sums need only those of value, value × block and value ×
+/// block² for every place.
 #[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
 pub(crate) fn row_sums(line: &[f32]) -> [f64; 3] {
     const LANES: usize = 8;
+    let (blocks, rest) = line.as_chunks::<LANES>();
     let mut sums = [[0.0_f32; LANES]; 3];
-    let blocks = line.chunks_exact(LANES);
-    let rest = blocks.remainder();
-    let mut add = |start: usize, values: &[f32]| {
-        for (lane, &value) in values.iter().enumerate() {
-            let place = (start + lane) as f32;
-            sums[0][lane] += value;
-            sums[1][lane] += place * value;
-            sums[2][lane] += place * place * value;
+    let mut start = 0.0_f32;
+    for values in blocks {
+        for lane in 0..LANES {
+            let weighted = start * values[lane];
+            sums[0][lane] += values[lane];
+            sums[1][lane] += weighted;
+            sums[2][lane] += start * weighted;
         }
-    };
-    for (block, values) in blocks.enumerate() {
-        add(block * LANES, values);
+        start += LANES as f32;
     }
-    add(line.len() - rest.len(), rest);
-    sums.map(|lanes| lanes.iter().map(|&lane| f64::from(lane)).sum())
+    for (lane, value) in rest.iter().enumerate() {
+        sums[0][lane] += value;
+        sums[1][lane] += start * value;
+        sums[2][lane] += start * start * value;
+    }
+    let mut total = [0.0; 3];
+    for lane in 0..LANES {
+        let place = lane as f64;
+        let [s0, s1, s2] = sums.map(|lanes| f64::from(lanes[lane]));
+        total[0] += s0;
+        total[1] += s1 + place * s0;
+        total[2] += s2 + 2.0 * place * s1 + place * place * s0;
+    }
+    total
 }
 
 /// Sum of the squares of the values of a row.

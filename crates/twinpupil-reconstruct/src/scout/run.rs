@@ -1,6 +1,6 @@
 //! Runs of pixels above a limit, and how they hang together.
 
-use crate::scout::light::{ABOVE, BELOW, BLOCK, RowAgainst};
+use crate::scout::light::{BLOCK, RowAgainst};
 
 /// Neighbouring pixels of a row.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -20,61 +20,44 @@ impl Run {
 }
 
 /// Calls `found` with the first column of every run of a row above its limit and the column behind it.
-pub(crate) fn runs_of_row(
-    row: RowAgainst<'_>,
-    columns: usize,
-    marks: &mut Vec<u8>,
-    mut found: impl FnMut(usize, usize),
-) {
-    row.mark(marks);
+pub(crate) fn runs_of_row(row: RowAgainst<'_>, masks: &mut Vec<u16>, mut found: impl FnMut(usize, usize)) {
+    row.masks(masks);
     let mut open = None;
     let mut block = 0;
-    while block * BLOCK < columns {
+    while let Some(&mask) = masks.get(block) {
         let first = block * BLOCK;
-        match marks.get(block).copied().unwrap_or(ABOVE + BELOW) {
-            BELOW => {
-                if let Some(start) = open.take() {
-                    found(start, first);
-                }
-                block += empty_blocks(&marks[block..]);
+        match (mask, open) {
+            // Most blocks are ground.
+            (0, None) => {
+                block += masks[block..].iter().position(|mask| *mask != 0).unwrap_or(masks.len());
                 continue;
             }
-            ABOVE => {
-                open.get_or_insert(first);
-            }
-            _ => {
-                let count = BLOCK.min(columns - first);
-                follow(row.bits(first, count), first, count, &mut open, &mut found);
-            }
+            (u16::MAX, Some(_)) => {}
+            _ => follow(u32::from(mask), first, &mut open, &mut found),
         }
         block += 1;
     }
     if let Some(start) = open {
-        found(start, columns);
+        found(start, masks.len() * BLOCK);
     }
 }
 
-/// How many blocks without a pixel above the limit come first.
-fn empty_blocks(marks: &[u8]) -> usize {
-    marks.iter().position(|mark| *mark != BELOW).unwrap_or(marks.len())
-}
-
-/// Follows the runs through a block of `count` pixels from column `first` on.
-fn follow(bits: u32, first: usize, count: usize, open: &mut Option<usize>, found: &mut impl FnMut(usize, usize)) {
+/// Follows the runs through a block from column `first` on.
+fn follow(mask: u32, first: usize, open: &mut Option<usize>, found: &mut impl FnMut(usize, usize)) {
     let mut at = 0;
-    while at < count {
-        let rest = bits >> at;
+    while at < BLOCK {
+        let rest = mask >> at;
         match *open {
             Some(start) => {
                 at += rest.trailing_ones() as usize;
-                if at < count {
+                if at < BLOCK {
                     found(start, first + at);
                     *open = None;
                 }
             }
             None => {
                 at += rest.trailing_zeros() as usize;
-                if at < count {
+                if at < BLOCK {
                     *open = Some(first + at);
                 }
             }
@@ -159,10 +142,10 @@ mod tests {
     /// Runs of a picture in which `#` is above the limit.
     fn runs(picture: &[&str]) -> Vec<Run> {
         let mut runs = Vec::new();
-        let mut marks = Vec::new();
+        let mut masks = Vec::new();
         for (row, text) in (0..).zip(picture) {
             let line: Vec<f32> = text.chars().map(|c| if c == '#' { 2.0 } else { 0.0 }).collect();
-            runs_of_row(RowAgainst::Field { line: &line, limit: 1.0 }, line.len(), &mut marks, |first, end| {
+            runs_of_row(RowAgainst::Field { line: &line, limit: 1.0 }, &mut masks, |first, end| {
                 runs.push(Run { row, first: first as u32, end: end as u32, peak: 2.0 });
             });
         }

@@ -14,9 +14,13 @@ fn field(discs: &[(f64, f64, f64, f64)]) -> Vec<f32> {
 }
 
 fn find(discs: &[(f64, f64, f64, f64)]) -> Vec<Blob> {
+    find_on(1, discs)
+}
+
+fn find_on(step: usize, discs: &[(f64, f64, f64, f64)]) -> Vec<Blob> {
     let contrasts = field(discs);
     let mut blobs = Vec::new();
-    Scout::default().find(&Light::Field { columns: 200, contrasts: &contrasts }, 7.5, &mut blobs);
+    Scout::default().find(&Light::Field { columns: 200, contrasts: &contrasts }, step, 7.5, &mut blobs);
     blobs.sort_by(|a, b| a.centre[0].total_cmp(&b.centre[0]));
     blobs
 }
@@ -27,8 +31,21 @@ fn a_disc_is_measured() {
     let [blob] = blobs[..] else { panic!("{blobs:?}") };
     assert!((blob.centre[0] - 60.3).hypot(blob.centre[1] - 50.8) < 0.1, "{blob:?}");
     assert!((blob.pixels as f64 / 1256.6 - 1.0).abs() < 0.03, "{blob:?}");
+    assert!((blob.area / 1256.6 - 1.0).abs() < 0.002, "{blob:?}");
     assert!((blob.height - 100.0).abs() < 1.0 && blob.alone && !blob.touches_edge, "{blob:?}");
     assert!((blob.edge - 3.0).abs() < 0.9, "{blob:?}");
+}
+
+#[test]
+fn every_other_row_tells_nearly_as_much() {
+    for discs in [&[(60.3, 50.8, 20.0, 100.0)][..], &[(50.0, 50.0, 20.0, 100.0), (90.0, 52.0, 20.0, 100.0)]] {
+        for (all, half) in find_on(1, discs).iter().zip(&find_on(2, discs)) {
+            assert!((all.centre[0] - half.centre[0]).hypot(all.centre[1] - half.centre[1]) < 0.3, "{all:?} {half:?}");
+            assert!((all.area / half.area - 1.0).abs() < 0.01, "{all:?} {half:?}");
+            assert!((all.edge - half.edge).abs() < 0.5, "{all:?} {half:?}");
+        }
+        assert_eq!(find_on(2, discs).len(), discs.len());
+    }
 }
 
 #[test]
@@ -54,7 +71,7 @@ fn single_pixels_are_nothing() {
     contrasts[45 * 200 + 58] = -50.0;
     contrasts[20 * 200 + 150] = 4000.0;
     let mut blobs = Vec::new();
-    Scout::default().find(&Light::Field { columns: 200, contrasts: &contrasts }, 7.5, &mut blobs);
+    Scout::default().find(&Light::Field { columns: 200, contrasts: &contrasts }, 1, 7.5, &mut blobs);
     let [blob] = blobs[..] else { panic!("{blobs:?}") };
     assert!((blob.height - 100.0).abs() < 1.0, "{blob:?}");
 }
