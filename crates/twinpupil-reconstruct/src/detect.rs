@@ -233,11 +233,11 @@ fn find(
 }
 
 /// Rows from one sample to the next.
-const STRIDE: usize = 12;
+const STRIDE: usize = 16;
 
 /// How high features rise, from samples of what stands out; 0 if none does.
 fn typical_height(light: &Light<'_>, significant: f32, line: &mut Vec<f32>) -> f32 {
-    const ALONG: usize = 7;
+    const ALONG: usize = 9;
     line.clear();
     for row in (STRIDE / 2..light.rows()).step_by(STRIDE) {
         let columns = (row % ALONG..light.columns()).step_by(ALONG);

@@ -7,7 +7,7 @@ use crate::lattice::Shape;
 use crate::noise::Noise;
 use crate::scout::ground::Ground;
 use crate::scout::light::Light;
-use crate::scout::row::{row_sums, square_sum};
+use crate::scout::row::{Moments, Sums};
 use crate::window::Disc;
 
 /// Variance of a pixel over its contrast, which is linear: that of moments then needs nothing but moments.
@@ -41,8 +41,7 @@ pub(crate) fn lone_mean(
     let mut found = None;
     for _ in 0..ROUNDS {
         let window = Window::about(light, centre, disc.radius)?;
-        let sums = window.sums(light, line);
-        let (mean, shape) = sums.mean(&window, scatter)?;
+        let (mean, shape) = window.mean(light, scatter, line)?;
         let step = (mean.position[0] - centre[0]).hypot(mean.position[1] - centre[1]);
         centre = mean.position;
         found = Some((mean, shape));
@@ -62,19 +61,6 @@ struct Window {
     trimmed: bool,
 }
 
-/// Sums over a window, about its centre.
-#[derive(Debug, Clone, Copy, Default)]
-struct Sums {
-    pixels: f64,
-    light: f64,
-    squares: f64,
-    first: [f64; 2],
-    /// As cc, cr, rr.
-    second: [f64; 3],
-    /// Squared distances of the pixels from the centre along columns and rows.
-    places: [f64; 2],
-}
-
 impl Window {
     fn about(light: &Light<'_>, centre: [f64; 2], radius: f64) -> Option<Self> {
         let last = [light.columns(), light.rows()].map(|count| (count - 1) as f64);
@@ -85,9 +71,12 @@ impl Window {
         (half_width >= 0.0 && half_height >= 0.0).then_some(Self { centre, radius, half_width, half_height, trimmed })
     }
 
-    fn sums(&self, light: &Light<'_>, line: &mut Vec<f32>) -> Sums {
+    /// Centroid of the light in the window, and its shape.
+    fn mean(&self, light: &Light<'_>, scatter: Scatter, line: &mut Vec<f32>) -> Option<(Centre, Shape)> {
         let [c0, r0] = self.centre;
-        let mut sums = Sums::default();
+        let mut moments = Moments::default();
+        // Number of pixels, and their squared distances from the centre along columns and rows.
+        let (mut pixels, mut places) = (0.0, [0.0; 2]);
         for row in (r0 - self.half_height).ceil() as usize..=(r0 + self.half_height).floor() as usize {
             let dr = row as f64 - r0;
             let chord = (self.radius * self.radius - dr * dr).max(0.0).sqrt().min(self.half_width);
@@ -97,46 +86,28 @@ impl Window {
             }
             line.resize(end - first, 0.0);
             light.read(row, first, line);
-            let [s0, s1, s2] = row_sums(line);
-            // From the centre of the window to the first column.
-            let shift = first as f64 - c0;
-            let along = s1 + shift * s0;
-            let along2 = s2 + 2.0 * shift * s1 + shift * shift * s0;
-            let count = line.len() as f64;
+            let (shift, count) = (first as f64 - c0, line.len() as f64);
             let [p1, p2] = [0.5 * count * (count - 1.0), count * (count - 1.0) * (2.0 * count - 1.0) / 6.0];
-            sums.pixels += count;
-            sums.light += s0;
-            sums.squares += square_sum(line);
-            sums.first[0] += along;
-            sums.first[1] += dr * s0;
-            sums.second[0] += along2;
-            sums.second[1] += dr * along;
-            sums.second[2] += dr * dr * s0;
-            sums.places[0] += p2 + 2.0 * shift * p1 + shift * shift * count;
-            sums.places[1] += dr * dr * count;
+            pixels += count;
+            places[0] += p2 + 2.0 * shift * p1 + shift * shift * count;
+            places[1] += dr * dr * count;
+            moments.add(line, [shift, dr]);
         }
-        sums
-    }
-}
-
-impl Sums {
-    fn mean(&self, window: &Window, scatter: Scatter) -> Option<(Centre, Shape)> {
-        let Self { pixels, light, squares, first, second, places } = *self;
+        let Sums { light, squares, first, second } = moments.sums();
         if light.is_nan() || light <= 0.0 {
             return None;
         }
         let inside = |axis: usize, half: f64| (first[axis] / light).abs() <= half;
-        if !(inside(0, window.half_width) && inside(1, window.half_height)) {
+        if !(inside(0, self.half_width) && inside(1, self.half_height)) {
             return None;
         }
         let std = |axis: usize| {
             let own = if axis == 0 { second[0] } else { second[2] };
             (scatter.ground * places[axis] + scatter.growth * own).max(0.0).sqrt() / light
         };
-        let position = [window.centre[0] + first[0] / light, window.centre[1] + first[1] / light];
+        let position = [c0 + first[0] / light, r0 + first[1] / light];
         let scatter = scatter.ground * pixels + scatter.growth * light;
-        let shape = Shape { light, squares, scatter, second };
-        Some((Centre { position, std: [std(0), std(1)] }, shape))
+        Some((Centre { position, std: [std(0), std(1)] }, Shape { light, squares, scatter, second }))
     }
 }
 

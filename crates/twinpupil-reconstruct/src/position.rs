@@ -57,7 +57,8 @@ pub(crate) fn paper_position(instrument: &Instrument, model: &Model, pair: &Meas
 /// steps still shrink fast, at a tenth of the cost. They end where the next one would be too small to matter.
 pub(crate) fn model_position(model: &Model, pair: &MeasuredPair, disc: &Disc, start_mm: [f64; 3]) -> Option<Position> {
     const ROUNDS: usize = 40;
-    const RESTING_MM: f64 = 1e-6;
+    // A hundredth of the noise at its best.
+    const RESTING_MM: f64 = 1e-5;
     const RATIO_UNKNOWN: f64 = 0.5;
     let weights = pair.weights();
     let measured = MeasuredPair::vector(pair.images);

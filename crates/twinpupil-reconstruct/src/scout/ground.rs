@@ -1,5 +1,6 @@
 //! The level of the ground: even, as some thousand pixels show, or else a surface.
 
+use multiversion::multiversion;
 use twinpupil_instrument::PlaneView;
 
 use crate::background::{Background, Polarity, quantile};
@@ -115,28 +116,36 @@ fn longer_tail(codes: &[f32], sorted: &mut Vec<f32>) -> Polarity {
 fn level_and_scatter(codes: &[f32], start: f32, side: Polarity) -> (f64, f32) {
     const ROUNDS: usize = 3;
     // Samples beyond the start are all ground: their spread about it gives the first width.
-    let beyond = |code: f32| if side == Polarity::Bright { start - code } else { code - start };
-    let (count, squares) = codes.iter().map(|&code| beyond(code)).fold((0.0_f32, 0.0_f32), |(n, s), b| {
-        let counts = if b > 0.0 { 1.0 } else { 0.0 };
-        (n + counts, s + counts * b * b)
-    });
+    let (nearest, farthest) = if side == Polarity::Bright { (f32::MIN, 0.0) } else { (0.0, f32::MAX) };
+    let [count, _, squares] = sums_between(codes, start, nearest, farthest);
     let (mut level, mut scatter) = (start, 2.0 * (squares / count.max(1.0)).sqrt());
     for _ in 0..ROUNDS {
         let reach = GROUND_SIGMAS * scatter.max(0.5);
-        let (mut count, mut sum, mut squares) = (0.0_f32, 0.0_f32, 0.0_f32);
-        for &code in codes {
-            let off = code - level;
-            let counts = if off.abs() <= reach { 1.0 } else { 0.0 };
-            count += counts;
-            sum += counts * off;
-            squares += counts * off * off;
-        }
+        let [count, sum, squares] = sums_between(codes, level, -reach, reach);
         let mean = sum / count.max(1.0);
         level += mean;
         // A normal distribution cut off at 2.5 σ keeps 0.95 of its width.
         scatter = (squares / count.max(1.0) - mean * mean).max(0.0).sqrt() / 0.95;
     }
     (f64::from(level), scatter)
+}
+
+/// Number of the codes between two distances from a level, sum of their distances and of the squares.
+#[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
+fn sums_between(codes: &[f32], level: f32, nearest: f32, farthest: f32) -> [f32; 3] {
+    const LANES: usize = 8;
+    let mut sums = [[0.0_f32; LANES]; 3];
+    // The few that fill no lanes are left out.
+    for values in codes.as_chunks::<LANES>().0 {
+        for lane in 0..LANES {
+            let off = values[lane] - level;
+            let counts = if (off >= nearest) & (off <= farthest) { 1.0 } else { 0.0 };
+            sums[0][lane] += counts;
+            sums[1][lane] += counts * off;
+            sums[2][lane] += counts * off * off;
+        }
+    }
+    sums.map(|lanes| lanes.iter().sum())
 }
 
 #[cfg(test)]

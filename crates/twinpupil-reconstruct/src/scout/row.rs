@@ -30,21 +30,11 @@ impl RowLight<'_> {
             runs_of_row(against, masks, |a, b| add(start + a, start + b));
         }
     }
-
-    /// Number of pixels above a level.
-    pub(crate) fn count_above(&self, level: f32) -> u32 {
-        count_above(self.contrasts, level)
-    }
-
-    /// Sums of the contrasts and of contrast × column.
-    pub(crate) fn light(&self) -> [f64; 2] {
-        let [light, along, _] = row_sums(self.contrasts);
-        [light, along + f64::from(self.first) * light]
-    }
 }
 
+/// Number of pixels above a level.
 #[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
-fn count_above(contrasts: &[f32], level: f32) -> u32 {
+pub(crate) fn count_above(contrasts: &[f32], level: f32) -> u32 {
     contrasts.iter().fold(0, |count, contrast| count + u32::from(*contrast > level))
 }
 
@@ -66,53 +56,78 @@ pub(crate) fn highest_pair(contrasts: &[f32]) -> f32 {
     lanes.iter().fold(rest, |peak, lane| higher(peak, *lane))
 }
 
-/// Sums of the values of a row, of value × index and of value × index².
-///
-/// The index is that of a block and the place in it: the sums need only those of value, value × block and value ×
-/// block² for every place.
-#[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
-pub(crate) fn row_sums(line: &[f32]) -> [f64; 3] {
-    const LANES: usize = 8;
-    let (blocks, rest) = line.as_chunks::<LANES>();
-    let mut sums = [[0.0_f32; LANES]; 3];
-    let mut start = 0.0_f32;
-    for values in blocks {
-        for lane in 0..LANES {
-            let weighted = start * values[lane];
-            sums[0][lane] += values[lane];
-            sums[1][lane] += weighted;
-            sums[2][lane] += start * weighted;
-        }
-        start += LANES as f32;
-    }
-    for (lane, value) in rest.iter().enumerate() {
-        sums[0][lane] += value;
-        sums[1][lane] += start * value;
-        sums[2][lane] += start * start * value;
-    }
-    let mut total = [0.0; 3];
-    for lane in 0..LANES {
-        let place = lane as f64;
-        let [s0, s1, s2] = sums.map(|lanes| f64::from(lanes[lane]));
-        total[0] += s0;
-        total[1] += s1 + place * s0;
-        total[2] += s2 + 2.0 * place * s1 + place * place * s0;
-    }
-    total
+/// Pixels that are summed side by side.
+pub(crate) const LANES: usize = 8;
+
+/// Moments of light, summed row by row and in lanes, so that nothing is added up before the end.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Moments {
+    light: [f64; LANES],
+    squares: [f64; LANES],
+    /// First moments along and across the rows.
+    along: [f64; LANES],
+    across: [f64; LANES],
+    /// Second moments.
+    along2: [f64; LANES],
+    both: [f64; LANES],
+    across2: [f64; LANES],
 }
 
-/// Sum of the squares of the values of a row.
-#[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
-pub(crate) fn square_sum(line: &[f32]) -> f64 {
-    const LANES: usize = 8;
-    let (blocks, rest) = line.as_chunks::<LANES>();
-    let mut lanes = [0.0_f32; LANES];
-    for values in blocks {
-        for lane in 0..LANES {
-            lanes[lane] += values[lane] * values[lane];
+/// [`Moments`] with their lanes added up.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Sums {
+    pub(crate) light: f64,
+    pub(crate) squares: f64,
+    /// First moments along and across the rows.
+    pub(crate) first: [f64; 2],
+    /// Second moments: along, both, across.
+    pub(crate) second: [f64; 3],
+}
+
+impl Moments {
+    /// Adds the pixels of a row whose first lies at `[x, y]`; what fills no lanes is padded with zeros.
+    pub(crate) fn add(&mut self, contrasts: &mut Vec<f32>, place: [f64; 2]) {
+        let padded = contrasts.len().next_multiple_of(LANES);
+        contrasts.resize(padded, 0.0);
+        add_row(self, contrasts, place);
+    }
+
+    pub(crate) fn sums(&self) -> Sums {
+        let total = |lanes: &[f64; LANES]| lanes.iter().sum();
+        Sums {
+            light: total(&self.light),
+            squares: total(&self.squares),
+            first: [total(&self.along), total(&self.across)],
+            second: [total(&self.along2), total(&self.both), total(&self.across2)],
         }
     }
-    f64::from(lanes.iter().sum::<f32>() + rest.iter().map(|value| value * value).sum::<f32>())
+}
+
+#[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
+fn add_row(moments: &mut Moments, contrasts: &[f32], [x, y]: [f64; 2]) {
+    let (mut light, mut squares) = ([0.0_f32; LANES], [0.0_f32; LANES]);
+    let (mut along, mut along2) = ([0.0_f32; LANES], [0.0_f32; LANES]);
+    let mut places: [f32; LANES] = std::array::from_fn(|lane| x as f32 + lane as f32);
+    for values in contrasts.as_chunks::<LANES>().0 {
+        for lane in 0..LANES {
+            let weighted = places[lane] * values[lane];
+            light[lane] += values[lane];
+            squares[lane] += values[lane] * values[lane];
+            along[lane] += weighted;
+            along2[lane] += places[lane] * weighted;
+            places[lane] += LANES as f32;
+        }
+    }
+    for lane in 0..LANES {
+        let (light, along) = (f64::from(light[lane]), f64::from(along[lane]));
+        moments.light[lane] += light;
+        moments.squares[lane] += f64::from(squares[lane]);
+        moments.along[lane] += along;
+        moments.along2[lane] += f64::from(along2[lane]);
+        moments.across[lane] += y * light;
+        moments.both[lane] += y * along;
+        moments.across2[lane] += y * y * light;
+    }
 }
 
 #[cfg(test)]
@@ -120,14 +135,21 @@ mod tests {
     use super::*;
 
     #[test]
-    fn sums_of_a_row_are_those_of_a_plain_loop() {
-        for length in [0, 1, 7, 8, 21, 64] {
-            let line: Vec<f32> = (0..length).map(|k| (k * 7 % 5) as f32).collect();
-            let plain = |power: i32| -> f64 {
-                line.iter().enumerate().map(|(k, &v)| f64::from(v) * f64::from(k as u32).powi(power)).sum()
-            };
-            assert_eq!(row_sums(&line), [plain(0), plain(1), plain(2)]);
+    fn moments_are_those_of_a_plain_loop() {
+        let mut moments = Moments::default();
+        let (mut light, mut first, mut second, mut squares) = (0.0, [0.0; 2], [0.0; 3], 0.0);
+        for (y, length) in [(-1.0, 1_usize), (0.5, 7), (2.0, 8), (3.0, 21)] {
+            let mut line: Vec<f32> = (0..length).map(|k| (k * 7 % 5) as f32).collect();
+            for (k, value) in line.iter().map(|value| f64::from(*value)).enumerate() {
+                let x = k as f64 - 2.25;
+                light += value;
+                squares += value * value;
+                first = [first[0] + x * value, first[1] + y * value];
+                second = [second[0] + x * x * value, second[1] + x * y * value, second[2] + y * y * value];
+            }
+            moments.add(&mut line, [-2.25, y]);
         }
+        assert_eq!(moments.sums(), Sums { light, squares, first, second });
     }
 
     #[test]
