@@ -154,38 +154,36 @@ pub struct PlaneView<'a> {
 impl<'a> PlaneView<'a> {
     /// The codes of one row of the plane, from left to right.
     pub fn row(&self, row: usize) -> impl ExactSizeIterator<Item = u16> + use<'a> {
-        let start = (self.origin_px[1] + row * self.step_px) * self.frame_width_px + self.origin_px[0];
-        let end = start - self.origin_px[0] + self.frame_width_px;
-        self.codes[start..end].chunks(self.step_px).map(|pixels| pixels[0])
+        self.line(row).chunks(self.step_px).map(|pixels| pixels[0])
     }
 
-    /// Reads the codes of one row of the plane into `codes`, in loops that vectorise.
+    /// Reads the codes of one row of the plane into `codes`.
     pub fn read_row(&self, row: usize, codes: &mut [f32]) {
-        let start = (self.origin_px[1] + row * self.step_px) * self.frame_width_px;
-        let line = &self.codes[start + self.origin_px[0]..start + self.frame_width_px];
-        if self.step_px != 2 {
-            codes.iter_mut().zip(self.row(row)).for_each(|(value, code)| *value = f32::from(code));
-            return;
-        }
-        let pairs = line.chunks_exact(2);
-        // A row of odd length ends in a pixel without a partner.
-        if let ([code], Some(last)) = (pairs.remainder(), codes.get_mut(line.len() / 2)) {
-            *last = f32::from(*code);
-        }
-        codes.iter_mut().zip(pairs).for_each(|(value, pair)| *value = f32::from(pair[0]));
+        self.read_span(row, 0, codes);
     }
 
-    /// Reads as many codes of one row of the plane as `codes` holds, from column `first` on.
-    ///
-    /// # Panics
-    /// If the row ends before.
+    /// Reads as many codes of one row of the plane as `codes` holds, from column `first` on, in loops that vectorise.
     pub fn read_span(&self, row: usize, first: usize, codes: &mut [f32]) {
-        let start = (self.origin_px[1] + row * self.step_px) * self.frame_width_px + self.origin_px[0];
-        let line = &self.codes[start + first * self.step_px..];
+        let line = &self.line(row)[first * self.step_px..];
         match self.step_px {
             1 => codes.iter_mut().zip(line).for_each(|(value, code)| *value = f32::from(*code)),
-            step => codes.iter_mut().enumerate().for_each(|(k, value)| *value = f32::from(line[k * step])),
+            2 => {
+                let (pairs, rest) = line.as_chunks::<2>();
+                // A row of odd length ends in a pixel without a partner.
+                if let ([code], Some(last)) = (rest, codes.get_mut(pairs.len())) {
+                    *last = f32::from(*code);
+                }
+                codes.iter_mut().zip(pairs).for_each(|(value, pair)| *value = f32::from(pair[0]));
+            }
+            step => codes.iter_mut().zip(line.iter().step_by(step)).for_each(|(value, code)| *value = f32::from(*code)),
         }
+    }
+
+    /// The codes of the page from the first pixel of one row of the plane to the end of that row of the page: every
+    /// `step_px`-th is the plane's.
+    pub fn line(&self, row: usize) -> &'a [u16] {
+        let start = (self.origin_px[1] + row * self.step_px) * self.frame_width_px;
+        &self.codes[start + self.origin_px[0]..start + self.frame_width_px]
     }
 
     /// The code of one pixel of the plane, which must lie within it.
@@ -228,6 +226,9 @@ mod tests {
         assert_eq!(codes, [10.0, 12.0, 14.0]);
         blue.read_row(0, &mut codes[..2]);
         assert_eq!(codes, [6.0, 8.0, 14.0]);
+        red.read_span(0, 1, &mut codes[..2]);
+        assert_eq!(codes, [2.0, 4.0, 14.0]);
+        assert_eq!(blue.line(0), [6, 7, 8, 9]);
         assert_eq!((red.frame_u_px(1.5), blue.frame_v_px(0.25)), (3.0, 1.5));
     }
 

@@ -37,14 +37,20 @@ impl Projection {
 
     /// Upright image position of the object point (x, y, z), in mm from the axis.
     pub fn image(&self, object_mm: [f64; 3]) -> ImagePoint {
+        self.image_and_magnification(object_mm).0
+    }
+
+    /// [`Self::image`] and the [`Self::magnification`] that goes with it.
+    pub fn image_and_magnification(&self, object_mm: [f64; 3]) -> (ImagePoint, f64) {
         let [x_mm, y_mm, z_mm] = object_mm;
-        let magnification = self.magnification(z_mm);
         // A pupil that is off the axis moves the chief ray, and with it every image that is out of focus.
         let shift = -self.spread(z_mm) / self.cone(z_mm);
-        ImagePoint {
+        let magnification = (self.sensor_distance_mm + self.pupil_position_mm * shift) / z_mm;
+        let image = ImagePoint {
             x_mm: magnification * x_mm + shift * self.pupil_centre_mm[0],
             y_mm: magnification * y_mm + shift * self.pupil_centre_mm[1],
-        }
+        };
+        (image, magnification)
     }
 
     /// Radius of the image of a point at distance z, mm: the pupil's shadow on the sensor.

@@ -78,21 +78,27 @@ pub struct ResponseTable {
 impl ResponseTable {
     /// Response of a band to a point at (r, z), bilinear between nodes and held constant outside.
     pub fn at(&self, band: usize, r_mm: f64, z_mm: f64) -> PointResponse {
-        let ((i, fr), (k, fz)) = (self.r_mm.locate(r_mm), self.z_mm.locate(z_mm));
-        let nodes = &self.bands[band].nodes;
-        let row = |k: usize| {
-            let start = k * self.r_mm.count + i;
-            (nodes[start], nodes[start + 1])
-        };
-        let ((a, b), (c, d)) = (row(k), row(k + 1));
-        let blend = |value: fn(PointResponse) -> f64| {
-            (1.0 - fz) * ((1.0 - fr) * value(a) + fr * value(b)) + fz * ((1.0 - fr) * value(c) + fr * value(d))
-        };
+        let corners = self.corners(band, r_mm, z_mm);
+        let blend = |value: fn(&PointResponse) -> f64| corners.iter().map(|(node, weight)| weight * value(node)).sum();
         PointResponse {
             throughput: blend(|node| node.throughput),
             radial_deviation_mm: blend(|node| node.radial_deviation_mm),
             aberration_mm: blend(|node| node.aberration_mm),
         }
+    }
+
+    /// The nodes about (r, z) and their weights.
+    fn corners(&self, band: usize, r_mm: f64, z_mm: f64) -> [(&PointResponse, f64); 4] {
+        let ((i, fr), (k, fz)) = (self.r_mm.locate(r_mm), self.z_mm.locate(z_mm));
+        let start = k * self.r_mm.count + i;
+        let (near, far) = (start, start + self.r_mm.count);
+        let nodes = &self.bands[band].nodes;
+        [
+            (&nodes[near], (1.0 - fz) * (1.0 - fr)),
+            (&nodes[near + 1], (1.0 - fz) * fr),
+            (&nodes[far], fz * (1.0 - fr)),
+            (&nodes[far + 1], fz * fr),
+        ]
     }
 
     /// Light of an evenly bright ground at a distance from the axis on the sensor, linear between nodes.
@@ -110,7 +116,11 @@ impl ResponseTable {
 
     /// The image of a band at (r, z) and its throughput: the first-order image moved along its own radius.
     pub fn image(&self, band: usize, r_mm: f64, z_mm: f64, first_order: ImagePoint) -> (ImagePoint, f64) {
-        let PointResponse { throughput, radial_deviation_mm, .. } = self.at(band, r_mm, z_mm);
+        let (mut throughput, mut radial_deviation_mm) = (0.0, 0.0);
+        for (node, weight) in self.corners(band, r_mm, z_mm) {
+            throughput += weight * node.throughput;
+            radial_deviation_mm += weight * node.radial_deviation_mm;
+        }
         let radius_mm = (first_order.x_mm.powi(2) + first_order.y_mm.powi(2)).sqrt();
         let scale = if radius_mm > 0.0 { 1.0 + radial_deviation_mm / radius_mm } else { 1.0 };
         (ImagePoint { x_mm: first_order.x_mm * scale, y_mm: first_order.y_mm * scale }, throughput)

@@ -16,8 +16,13 @@ pub(crate) struct Centre {
 /// A window that is trimmed or shared moves its centroid along with it, by a share ρ of the step, so steps shrink like
 /// 1, ρ, ρ², …; from the second on they are lengthened by 1/(1 − ρ) to where they lead (Aitken).
 ///
-/// Returns the centres, `None` where a window holds no light.
-pub(crate) fn cartesian_means(windows: &mut Windows<'_>, contrast: &Contrast, noise: &Noise) -> Vec<Option<Centre>> {
+/// Returns the centres, `None` where a window holds no light or `among` leaves it out.
+pub(crate) fn cartesian_means(
+    windows: &mut Windows<'_>,
+    contrast: &Contrast,
+    noise: &Noise,
+    among: impl Fn(usize) -> bool,
+) -> Vec<Option<Centre>> {
     const ROUNDS: f64 = 14.0;
     const SHARED_PIXELS_MAX: f64 = 3e7;
     const RESTING: f64 = 3e-3;
@@ -28,7 +33,7 @@ pub(crate) fn cartesian_means(windows: &mut Windows<'_>, contrast: &Contrast, no
     let rounds = (SHARED_PIXELS_MAX / windows.shared_pixels()).clamp(2.0, ROUNDS) as usize;
     let mut centres = vec![None; count];
     let mut steps = vec![[0.0_f64; 2]; count];
-    let mut restless: Vec<usize> = (0..count).collect();
+    let mut restless: Vec<usize> = (0..count).filter(|&feature| among(feature)).collect();
     for round in 0..rounds {
         restless.retain(|&feature| {
             let before = windows.centres[feature];
@@ -79,11 +84,7 @@ const SHARE_ERROR: f64 = 0.1;
 /// Centroid of the light in one window, in Cartesian coordinates.
 fn cartesian_mean(windows: &Windows<'_>, contrast: &Contrast, noise: &Noise, feature: usize) -> Option<Centre> {
     let [c0, r0] = windows.centres[feature];
-    let moments = match windows.overlaps(feature) {
-        true => Moments::of_shared_light(windows, contrast, noise, feature),
-        false => Moments::of_all_light(windows, contrast, noise, feature),
-    };
-    let Moments { light, first, variance, doubt } = moments;
+    let Moments { light, first, variance, doubt } = Moments::of_shared_light(windows, contrast, noise, feature);
     let position = [c0 + first[0] / light, r0 + first[1] / light];
     let [c, r] = position;
     let inside = c >= 0.0 && r >= 0.0 && c < contrast.columns as f64 && r < contrast.rows as f64;
@@ -122,50 +123,6 @@ impl Moments {
         });
         moments
     }
-
-    /// Row by row, in loops that vectorise. The variance of a pixel is linear in its contrast, so that of the moments
-    /// needs nothing but moments.
-    fn of_all_light(windows: &Windows<'_>, contrast: &Contrast, noise: &Noise, feature: usize) -> Self {
-        let [c0, r0] = windows.centres[feature];
-        let ground = noise.variance(contrast.code(0.0));
-        let growth = noise.variance(contrast.code(1.0)) - ground;
-        let mut moments = Self::default();
-        windows.for_each_row(feature, |row, first, line| {
-            let sums = row_sums(line);
-            // From the first column to the centre of the window.
-            let (dr, shift) = (row as f64 - r0, first as f64 - c0);
-            let count = line.len() as f64;
-            let places = [count, 0.5 * count * (count - 1.0), count * (count - 1.0) * (2.0 * count - 1.0) / 6.0];
-            let square = |[s0, s1, s2]: [f64; 3]| s2 + 2.0 * shift * s1 + shift * shift * s0;
-            moments.light += sums[0];
-            moments.first[0] += sums[1] + shift * sums[0];
-            moments.first[1] += dr * sums[0];
-            moments.variance[0] += ground * square(places) + growth * square(sums);
-            moments.variance[1] += dr * dr * (ground * count + growth * sums[0]);
-        });
-        moments
-    }
-}
-
-/// Sums of the values of a row, of value × index and of value × index².
-fn row_sums(line: &[f32]) -> [f64; 3] {
-    const LANES: usize = 8;
-    let mut sums = [[0.0_f32; LANES]; 3];
-    let blocks = line.chunks_exact(LANES);
-    let rest = blocks.remainder();
-    let mut add = |start: usize, values: &[f32]| {
-        for (lane, &value) in values.iter().enumerate() {
-            let place = (start + lane) as f32;
-            sums[0][lane] += value;
-            sums[1][lane] += place * value;
-            sums[2][lane] += place * place * value;
-        }
-    };
-    for (block, values) in blocks.enumerate() {
-        add(block * LANES, values);
-    }
-    add(line.len() - rest.len(), rest);
-    sums.map(|lanes| lanes.iter().map(|&lane| f64::from(lane)).sum())
 }
 
 /// The paper's centre of a feature, in polar coordinates about the axis, both in units of the plane's pixels.
@@ -190,20 +147,4 @@ pub(crate) fn radial_mean(windows: &Windows<'_>, feature: usize, axis: [f64; 2])
     let radius = radius_sum / sum;
     let azimuth = azimuth_sum / (radius * sum);
     (sum > 0.0 && radius > 0.0 && azimuth.is_finite()).then_some([radius, azimuth])
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn sums_of_a_row_are_those_of_a_plain_loop() {
-        for length in [0, 1, 7, 8, 21, 64] {
-            let line: Vec<f32> = (0..length).map(|k| (k * 7 % 5) as f32).collect();
-            let plain = |power: i32| -> f64 {
-                line.iter().enumerate().map(|(k, &v)| f64::from(v) * f64::from(k as u32).powi(power)).sum()
-            };
-            assert_eq!(row_sums(&line), [plain(0), plain(1), plain(2)]);
-        }
-    }
 }

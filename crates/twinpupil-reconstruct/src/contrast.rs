@@ -2,12 +2,13 @@
 
 use twinpupil_instrument::PlaneView;
 
-use crate::background::{Background, Polarity, quantile};
-use crate::noise::Noise;
+use crate::background::Polarity;
+use crate::scout::ground::Ground;
+use crate::scout::light::Light;
 use crate::shading::Shading;
 
 /// A plane of contrast in codes, row by row; features are positive.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub(crate) struct Contrast {
     pub(crate) columns: usize,
     pub(crate) rows: usize,
@@ -21,50 +22,38 @@ pub(crate) struct Contrast {
     pub(crate) pixel_noise: f32,
 }
 
-/// Least noise of a pixel: that of rounding to whole codes, 1/√12.
-const ROUNDING_NOISE: f64 = 0.29;
-
 impl Contrast {
-    /// The contrast of a plane against its local background.
-    pub(crate) fn new(
-        plane: &PlaneView<'_>,
-        polarity: Option<Polarity>,
-        noise: Option<&Noise>,
-        shading: Option<&Shading>,
-    ) -> Self {
-        let background = Background::estimate(plane, polarity, noise, shading);
-        let black = noise.map_or(0.0, |noise| noise.black_level as f32);
-        let mut signal = Vec::with_capacity(plane.columns * plane.rows);
-        let line = || vec![0.0_f32; plane.columns];
-        let (mut codes, mut ground_row, mut lit_row) = (line(), line(), line());
-        for row in 0..plane.rows {
-            background.fill_row(row, &mut ground_row);
+    /// Computes the contrast of every pixel of a plane against its ground. `black` is the code of a pixel without light,
+    /// `shading` what the masks leave of an even ground.
+    pub(crate) fn fill(&mut self, plane: &PlaneView<'_>, ground: &Ground, black: f64, shading: Option<&Shading>) {
+        (self.columns, self.rows) = (plane.columns, plane.rows);
+        (self.ground, self.polarity, self.pixel_noise) = (ground.level, ground.polarity, ground.pixel_noise);
+        self.signal.resize(plane.columns * plane.rows, 0.0);
+        let Some(surface) = &ground.surface else {
+            let light = Light::Codes { plane: *plane, level: ground.level as f32, polarity: ground.polarity };
+            for (row, line) in self.signal.chunks_exact_mut(plane.columns).enumerate() {
+                light.read(row, 0, line);
+            }
+            return;
+        };
+        let black = black as f32;
+        let mut ground_row = vec![0.0_f32; plane.columns];
+        let mut lit_row = ground_row.clone();
+        for (row, line) in self.signal.chunks_exact_mut(plane.columns).enumerate() {
+            surface.fill_row(row, &mut ground_row);
             lit_row.copy_from_slice(&ground_row);
             if let Some(shading) = shading {
                 shading.shade(row, &mut lit_row);
             }
-            plane.read_row(row, &mut codes);
-            let contrast = codes.iter().zip(&lit_row).map(|(code, lit)| code - black - lit);
-            match background.polarity {
-                Polarity::Bright => signal.extend(contrast),
+            plane.read_row(row, line);
+            line.iter_mut().zip(&lit_row).for_each(|(value, lit)| *value -= black + lit);
+            if ground.polarity == Polarity::Dark {
                 // A dark feature takes away a share of the light, so uneven light is divided out; what the masks take
                 // from the ground they take from the feature too, so that stays.
-                Polarity::Dark => {
-                    let mean = background.mean as f32;
-                    let least = (0.05 * mean).max(1.0);
-                    signal.extend(
-                        contrast.zip(&ground_row).map(|(contrast, ground)| -contrast * mean / ground.max(least)),
-                    );
-                }
+                let mean = surface.mean as f32;
+                let least = (0.05 * mean).max(1.0);
+                line.iter_mut().zip(&ground_row).for_each(|(value, lit)| *value *= -mean / lit.max(least));
             }
-        }
-        Self {
-            columns: plane.columns,
-            rows: plane.rows,
-            signal,
-            ground: background.mean + f64::from(black),
-            polarity: background.polarity,
-            pixel_noise: background.pixel_noise.max(ROUNDING_NOISE) as f32,
         }
     }
 
@@ -78,21 +67,6 @@ impl Contrast {
         let start = r as usize * self.columns + c as usize;
         let (upper, lower) = (&self.signal[start..start + 2], &self.signal[start + self.columns..]);
         (1.0 - fr) * ((1.0 - fc) * upper[0] + fc * upper[1]) + fr * ((1.0 - fc) * lower[0] + fc * lower[1])
-    }
-
-    /// Median length of the runs of pixels along rows that are brighter than half of what stands out; 0 without any.
-    pub(crate) fn median_run(&self, significant: f32) -> usize {
-        const ROWS: usize = 8;
-        let lines = || self.signal.chunks_exact(self.columns).step_by(ROWS);
-        let mut bright: Vec<f32> =
-            lines().flat_map(|line| line.iter().step_by(ROWS)).copied().filter(|s| *s > significant).collect();
-        let half = 0.5 * quantile(&mut bright, 0.75).max(significant);
-        let mut runs: Vec<usize> = Vec::new();
-        for line in lines() {
-            runs.extend(line.split(|signal| *signal <= half).map(<[f32]>::len).filter(|run| *run > 0));
-        }
-        runs.sort_unstable();
-        runs.get(runs.len() / 2).copied().unwrap_or(0)
     }
 
     /// The code that a pixel of this contrast read.

@@ -5,21 +5,24 @@ use twinpupil_instrument::{PixelPoint, PlaneView};
 use crate::background::{Polarity, quantile};
 use crate::centroid::{Centre, cartesian_means, radial_mean};
 use crate::contrast::Contrast;
-use crate::flood::{FloodRule, flood};
-use crate::lattice::{BLUR_MAX, off_lattice};
+use crate::lattice::{BLUR_MAX, Shape, off_lattice};
+use crate::lone::{Scatter, lone_mean};
 use crate::noise::Noise;
-use crate::outline::{Outline, outlines};
 use crate::rejection::{Bystander, RejectionReason};
-use crate::relief::Relief;
+use crate::relief::{BINOMIAL_GAIN, Relief};
+use crate::scout::ground::{Ground, Survey};
+use crate::scout::light::Light;
+use crate::scout::run::runs_of_row;
+use crate::scout::{Blob, Scout};
 use crate::shading::Shading;
-use crate::window::Windows;
+use crate::window::{Disc, Windows, overlapping};
 
 /// How the centre of a feature is measured.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Estimator {
     /// Centroid in Cartesian coordinates.
     Cartesian,
-    /// Centroid of the light in blocks of pixels: within some tenths of a pixel, to start a fit from.
+    /// Centroid of the light above half the height: within some tenths of a pixel, to start a fit from.
     Rough,
     /// Mean radius and mean azimuth about the axis  [Ohno2018, Eqs. 9–11].
     Radial {
@@ -87,12 +90,6 @@ pub struct Detection {
     pub background_codes: f64,
 }
 
-/// Skirts are followed down to this share of the typical height.
-const SKIRT: f32 = 0.02;
-
-/// Two summits are one feature unless the saddle lies below this share of the lower.
-const SADDLE: f32 = 0.7;
-
 /// Finds and measures the features of one plane.
 ///
 /// `noise` is that of the sensor where it is known; without it, background scatter is taken for all of the noise. One
@@ -103,16 +100,29 @@ pub fn detect(plane: &PlaneView<'_>, noise: Option<&Noise>, options: &DetectOpti
     detection
 }
 
-/// Finds features in one plane after another and keeps its buffers, so that it allocates nothing once it is warm.
+/// Finds features in one plane after another and keeps its buffers, so that it allocates next to nothing once it is warm.
 #[derive(Debug, Clone, Default)]
 pub struct Detector {
     options: DetectOptions,
+    survey: Survey,
+    scout: Scout,
+    blobs: Vec<Blob>,
+    contrast: Contrast,
+    relief: Relief,
+    line: Vec<f32>,
 }
+
+/// Features that stand out by less than so many standard deviations of a pixel are looked for on a smoothed plane.
+const CLEAR_SIGMAS: f32 = 50.0;
+
+/// Beyond the foot of its edge a window reaches on by this share of the edge and so many pixels.
+const REACH: f64 = 1.1;
+const MARGIN: f64 = 1.5;
 
 impl Detector {
     /// A detector with settings of its own.
     pub fn new(options: DetectOptions) -> Self {
-        Self { options }
+        Self { options, ..Self::default() }
     }
 
     /// Finds and measures the features of one plane; `detection` is overwritten.
@@ -131,166 +141,279 @@ impl Detector {
         shading: Option<&Shading>,
         detection: &mut Detection,
     ) {
-        let options = &self.options;
-        let contrast = Contrast::new(plane, options.polarity, noise, shading);
-        let (relief, found) = find(&contrast, options);
+        let Self { options, survey, scout, blobs, contrast, relief, line } = self;
+        let ground = Ground::survey(plane, options.polarity, noise, shading, survey);
         let background_noise =
-            Noise { floor_codes2: f64::from(contrast.pixel_noise).powi(2), slope_codes: 0.0, black_level: 0.0 };
+            Noise { floor_codes2: f64::from(ground.pixel_noise).powi(2), slope_codes: 0.0, black_level: 0.0 };
+        let black = noise.map_or(0.0, |noise| noise.black_level);
         let noise = noise.unwrap_or(&background_noise);
-        let measure = Measure { plane, contrast: &contrast, relief: &relief, noise, options };
-        let (features, rejected) = measure.all(&found);
-        *detection = Detection { features, rejected, polarity: contrast.polarity, background_codes: contrast.ground };
+        let mut field = Field { contrast, plane, ground: &ground, black, shading, filled: false };
+        find(&mut field, options, scout, blobs, relief, line);
+        let discs: Vec<Disc> = blobs.iter().map(disc).collect();
+        let neighbours = overlapping(&discs);
+        let measure = Measure { plane, ground: &ground, noise, options, scout };
+        let overlapped: Vec<bool> = neighbours.iter().map(|near| !near.is_empty()).collect();
+        let centres: Vec<Option<Centre>> = match options.estimator {
+            Estimator::Rough => blobs.iter().map(|blob| Some(measure.rough_centre(blob))).collect(),
+            Estimator::Cartesian => measure.cartesian_centres(&mut field, blobs, &discs, neighbours, line),
+            Estimator::Radial { axis } => measure.radial_centres(field.contrast(), &discs, neighbours, axis),
+        };
+        measure.judge(blobs, &centres, &overlapped, detection);
     }
 }
 
-/// The outlines of everything that stands out of the noise, on a relief no finer than large features need.
-fn find(contrast: &Contrast, options: &DetectOptions) -> (Relief, Vec<Outline>) {
-    const COARSE: usize = 2;
-    const LARGE: usize = 15;
-    let significant = options.significance_min as f32 * contrast.pixel_noise;
-    let scale = if contrast.median_run(significant) >= LARGE { COARSE } else { 1 };
-    let relief = Relief::of(contrast, scale);
-    let mut standing_out: Vec<f32> =
-        relief.heights.iter().step_by(7).copied().filter(|height| *height > significant).collect();
-    let typical = quantile(&mut standing_out, 0.9);
-    let noise = options.significance_min as f32 * relief.noise;
-    let floor = (0.5 * options.relative_contrast_min as f32 * typical).max(noise);
-    let rule = FloodRule { floor, saddle: SADDLE, pixels_min: (options.pixels_min / 2).max(1) as u32 };
-    let basins = flood(&relief.heights, relief.columns, rule);
-    let mut found = outlines(&relief, &basins, (SKIRT * typical).max(noise));
-    found.retain(|outline| outline.height > significant);
-    (relief, found)
+/// The contrast of a plane, computed for every pixel when it is first needed.
+struct Field<'a> {
+    contrast: &'a mut Contrast,
+    plane: &'a PlaneView<'a>,
+    ground: &'a Ground,
+    black: f64,
+    shading: Option<&'a Shading>,
+    filled: bool,
 }
 
-/// Measures outlines, or says why not.
+impl Field<'_> {
+    fn contrast(&mut self) -> &Contrast {
+        if !self.filled {
+            self.contrast.fill(self.plane, self.ground, self.black, self.shading);
+            self.filled = true;
+        }
+        self.contrast
+    }
+
+    /// Contrasts as cheaply as the ground allows.
+    fn light(&mut self) -> Light<'_> {
+        if self.ground.surface.is_none() {
+            return Light::Codes {
+                plane: *self.plane,
+                level: self.ground.level as f32,
+                polarity: self.ground.polarity,
+            };
+        }
+        let contrast = self.contrast();
+        Light::Field { columns: contrast.columns, contrasts: &contrast.signal }
+    }
+}
+
+/// Everything that stands out of the noise.
+fn find(
+    field: &mut Field<'_>,
+    options: &DetectOptions,
+    scout: &mut Scout,
+    blobs: &mut Vec<Blob>,
+    relief: &mut Relief,
+    line: &mut Vec<f32>,
+) {
+    const SPARE_SIGMAS: f32 = 1.0;
+    // Where features are large, every other row tells enough.
+    const LARGE: usize = 15;
+    const COARSE: usize = 2;
+    let noise = field.ground.pixel_noise;
+    let sigmas = options.significance_min as f32;
+    let (significant, clear) = (sigmas * noise, CLEAR_SIGMAS * noise);
+    let floor = |typical: f32, noise: f32| (0.5 * options.relative_contrast_min as f32 * typical).max(noise);
+    let light = field.light();
+    let mut typical = typical_height(&light, significant, line);
+    let step = if typical > 0.0 && median_run(&light, 0.5 * typical) >= LARGE { COARSE } else { 1 };
+    // Few features may have been missed by the samples.
+    if typical == 0.0 || typical >= clear {
+        scout.find(&light, step, floor(typical, significant + SPARE_SIGMAS * noise), blobs);
+        line.clear();
+        line.extend(blobs.iter().map(|blob| blob.height));
+        typical = quantile(line, 0.9);
+    }
+    if typical < clear {
+        let contrast = field.contrast();
+        relief.smooth(&contrast.signal, contrast.columns);
+        let smooth = Light::Field { columns: contrast.columns, contrasts: &relief.heights };
+        scout.find(&smooth, step, floor(typical, BINOMIAL_GAIN * significant), blobs);
+    }
+    blobs.retain(|blob| blob.height > significant);
+    blobs.sort_by(|a, b| a.centre[1].total_cmp(&b.centre[1]).then(a.centre[0].total_cmp(&b.centre[0])));
+}
+
+/// Rows from one sample to the next.
+const STRIDE: usize = 16;
+
+/// How high features rise, from samples of what stands out; 0 if none does.
+fn typical_height(light: &Light<'_>, significant: f32, line: &mut Vec<f32>) -> f32 {
+    const ALONG: usize = 9;
+    line.clear();
+    for row in (STRIDE / 2..light.rows()).step_by(STRIDE) {
+        let columns = (row % ALONG..light.columns()).step_by(ALONG);
+        line.extend(columns.map(|column| light.at(column, row)).filter(|contrast| *contrast > significant));
+    }
+    quantile(line, 0.9)
+}
+
+/// Median length of the runs of pixels above a level along some rows; 0 without any.
+fn median_run(light: &Light<'_>, level: f32) -> usize {
+    const LONGEST: usize = 64;
+    let (mut counts, mut masks, mut runs) = ([0_usize; LONGEST + 1], Vec::new(), 0);
+    for row in (STRIDE / 2..light.rows()).step_by(STRIDE) {
+        runs_of_row(light.against(row, level), &mut masks, |first, end| {
+            counts[(end - first).min(LONGEST)] += 1;
+            runs += 1;
+        });
+    }
+    let mut shorter = 0;
+    counts
+        .iter()
+        .position(|count| {
+            shorter += count;
+            2 * shorter > runs
+        })
+        .unwrap_or(0)
+}
+
+/// Where the light of a blob lies.
+fn disc(blob: &Blob) -> Disc {
+    Disc { centre: blob.centre, extent: blob.extent, radius: blob.extent + REACH * blob.edge + MARGIN }
+}
+
+/// Measures blobs, or says why not.
 struct Measure<'a> {
     plane: &'a PlaneView<'a>,
-    contrast: &'a Contrast,
-    relief: &'a Relief,
+    ground: &'a Ground,
     noise: &'a Noise,
     options: &'a DetectOptions,
+    scout: &'a Scout,
 }
 
 impl Measure<'_> {
-    fn all(&self, found: &[Outline]) -> (Vec<Feature>, Vec<Bystander>) {
-        let mut windows = Windows::new(self.contrast, &self.discs(found));
-        let centres = cartesian_means(&mut windows, self.contrast, self.noise);
-        let mut heights: Vec<f32> = found.iter().map(|outline| outline.height).collect();
+    /// What the light above half the height tells.
+    fn rough_centre(&self, blob: &Blob) -> Centre {
+        const ALONE: f64 = 0.1;
+        const TOUCHED: f64 = 0.5;
+        Centre { position: blob.centre, std: [if blob.alone { ALONE } else { TOUCHED }; 2] }
+    }
+
+    /// Centroids of all light: one by one where features stand alone, else together.
+    fn cartesian_centres(
+        &self,
+        field: &mut Field<'_>,
+        blobs: &[Blob],
+        discs: &[Disc],
+        neighbours: Vec<Vec<u32>>,
+        line: &mut Vec<f32>,
+    ) -> Vec<Option<Centre>> {
+        let pixel_width = 1.0 / self.plane.step_px as f64;
+        let settled = |blob: &Blob, centre: Centre, shape: &dyn Fn() -> Shape| {
+            if blob.edge > 2.0 * BLUR_MAX {
+                return centre;
+            }
+            Centre { position: off_lattice(&shape(), centre.position, pixel_width), ..centre }
+        };
+        let (scatter, light) = (Scatter::on(self.ground, self.noise), field.light());
+        let mut centres: Vec<Option<Centre>> = vec![None; blobs.len()];
+        for ((centre, near), (blob, disc)) in centres.iter_mut().zip(&neighbours).zip(blobs.iter().zip(discs)) {
+            if near.is_empty() {
+                *centre =
+                    lone_mean(&light, scatter, disc, line).map(|(centre, shape)| settled(blob, centre, &|| shape));
+            }
+        }
+        if neighbours.iter().all(Vec::is_empty) {
+            return centres;
+        }
+        let contrast = field.contrast();
+        let shared: Vec<bool> = neighbours.iter().map(|near| !near.is_empty()).collect();
+        let mut windows = Windows::new(contrast, discs, neighbours);
+        let together = cartesian_means(&mut windows, contrast, self.noise, |feature| shared[feature]);
+        for (feature, centre) in together.into_iter().enumerate().filter(|(feature, _)| shared[*feature]) {
+            let shape = || Shape::of_shared_light(&windows, contrast, self.noise, feature);
+            centres[feature] = centre.map(|centre| settled(&blobs[feature], centre, &shape));
+        }
+        centres
+    }
+
+    /// The paper's centres.
+    fn radial_centres(
+        &self,
+        contrast: &Contrast,
+        discs: &[Disc],
+        neighbours: Vec<Vec<u32>>,
+        axis: PixelPoint,
+    ) -> Vec<Option<Centre>> {
+        let mut windows = Windows::new(contrast, discs, neighbours);
+        let centres = cartesian_means(&mut windows, contrast, self.noise, |_| true);
+        let step = self.plane.step_px as f64;
+        let origin = self.plane.origin_px.map(|o| o as f64);
+        let axis = [(axis.u - origin[0]) / step, (axis.v - origin[1]) / step];
+        let radial = |(feature, centre): (usize, Option<Centre>)| {
+            let centre = centre?;
+            let [radius, azimuth] = radial_mean(&windows, feature, axis)?;
+            let position = [axis[0] + radius * azimuth.cos(), axis[1] + radius * azimuth.sin()];
+            Some(Centre { position, ..centre })
+        };
+        centres.into_iter().enumerate().map(radial).collect()
+    }
+
+    /// Makes features of blobs, or rejections.
+    fn judge(&self, blobs: &[Blob], centres: &[Option<Centre>], overlapped: &[bool], detection: &mut Detection) {
+        let Detection { features, rejected, polarity, background_codes } = detection;
+        (*polarity, *background_codes) = (self.ground.polarity, self.ground.level);
+        features.clear();
+        rejected.clear();
+        let mut heights: Vec<f32> = blobs.iter().map(|blob| blob.height).collect();
         let height_min = self.options.relative_contrast_min as f32 * quantile(&mut heights, 0.9);
-        let (mut features, mut rejected) = (Vec::new(), Vec::new());
-        for (index, (outline, centre)) in found.iter().zip(centres).enumerate() {
-            let judged = self.flaw(outline, height_min).map_or_else(
-                || {
-                    let centre = self.centre(&windows, index, outline, centre).ok_or(RejectionReason::NoCentre)?;
-                    Ok(self.feature(outline, centre, windows.overlaps(index)))
-                },
-                Err,
-            );
-            match judged {
-                Ok(feature) => features.push(feature),
-                Err(reason) => {
-                    let centre = Centre { position: self.plane_centre(outline), std: [0.5; 2] };
-                    let feature = self.feature(outline, centre, windows.overlaps(index));
-                    rejected.push(Bystander { feature, reason });
+        for ((blob, centre), overlapped) in blobs.iter().zip(centres).zip(overlapped) {
+            match (self.flaw(blob, height_min), centre) {
+                (None, Some(centre)) => features.push(self.feature(blob, *centre, *overlapped)),
+                (flaw, _) => {
+                    let feature = self.feature(blob, self.rough_centre(blob), *overlapped);
+                    rejected.push(Bystander { feature, reason: flaw.unwrap_or(RejectionReason::NoCentre) });
                 }
             }
         }
         features.sort_by(|a, b| a.centre.v.total_cmp(&b.centre.v).then(a.centre.u.total_cmp(&b.centre.u)));
-        (features, rejected)
     }
 
-    /// Centres, extents and skirts of outlines, pixels of the plane.
-    fn discs(&self, found: &[Outline]) -> Vec<([f64; 2], f64, f64)> {
-        let scale = self.relief.scale as f64;
-        let disc = |outline: &Outline| {
-            (self.plane_centre(outline), outline.extent(self.relief.columns) * scale, outline.skirt * scale)
-        };
-        found.iter().map(disc).collect()
-    }
-
-    fn plane_centre(&self, outline: &Outline) -> [f64; 2] {
-        outline.centre.map(|coordinate| self.relief.plane_position(coordinate))
-    }
-
-    /// Why an outline cannot be measured, if so.
-    fn flaw(&self, outline: &Outline, height_min: f32) -> Option<RejectionReason> {
-        if outline.touches_edge {
+    /// Why a blob cannot be measured, if so.
+    fn flaw(&self, blob: &Blob, height_min: f32) -> Option<RejectionReason> {
+        if blob.touches_edge {
             Some(RejectionReason::CutByBorder)
-        } else if self.pixels(outline) < self.options.pixels_min {
+        } else if blob.pixels < self.options.pixels_min {
             Some(RejectionReason::TooSmall)
-        } else if outline.height < height_min {
+        } else if blob.height < height_min {
             Some(RejectionReason::LowContrast)
-        } else if self.saturated(outline) {
+        } else if self.saturated(blob) {
             Some(RejectionReason::Saturated)
         } else {
             None
         }
     }
 
-    /// More than one pixel in fifty of the outline reads the largest code, or the ground about a dark feature does.
-    fn saturated(&self, outline: &Outline) -> bool {
+    /// More than one pixel in fifty of the blob reads the largest code, or the ground about a dark feature does.
+    fn saturated(&self, blob: &Blob) -> bool {
+        const NEAR: f64 = 0.8;
         let code_max = self.plane.code_max;
-        if self.contrast.polarity == Polarity::Dark {
-            return self.contrast.ground >= f64::from(code_max) - 0.5;
+        if self.ground.polarity == Polarity::Dark {
+            return self.ground.level >= f64::from(code_max) - 0.5;
         }
-        let (columns, scale) = (self.relief.columns, self.relief.scale);
-        let at_limit = |index: &&u32| {
-            let (column, row) = (**index as usize % columns, **index as usize / columns);
-            self.plane.code(column * scale, row * scale) == code_max
-        };
-        50 * outline.pixels.iter().filter(at_limit).count() > outline.pixels.len()
-    }
-
-    /// The centre by the chosen estimator, in pixels of the plane.
-    fn centre(&self, windows: &Windows<'_>, index: usize, outline: &Outline, centre: Option<Centre>) -> Option<Centre> {
-        let centre = centre?;
-        match self.options.estimator {
-            Estimator::Rough => Some(centre),
-            Estimator::Cartesian if self.has_soft_edge(outline) => Some(centre),
-            Estimator::Cartesian => {
-                let pixel_width = 1.0 / self.plane.step_px as f64;
-                let position = off_lattice(windows, self.contrast, self.noise, index, centre.position, pixel_width);
-                Some(Centre { position, ..centre })
-            }
-            Estimator::Radial { axis } => {
-                let step = self.plane.step_px as f64;
-                let origin = self.plane.origin_px.map(|o| o as f64);
-                let axis = [(axis.u - origin[0]) / step, (axis.v - origin[1]) / step];
-                let [radius, azimuth] = radial_mean(windows, index, axis)?;
-                let position = [axis[0] + radius * azimuth.cos(), axis[1] + radius * azimuth.sin()];
-                Some(Centre { position, ..centre })
-            }
+        if self.ground.surface.is_none() && self.ground.level + f64::from(blob.height) < NEAR * f64::from(code_max) {
+            return false;
         }
+        let step = self.plane.step_px;
+        let (mut at_limit, mut pixels) = (0, 0);
+        for (row, columns) in self.scout.runs_of(blob) {
+            let line = self.plane.line(row)[columns.start * step..].iter().step_by(step);
+            at_limit += line.take(columns.len()).filter(|code| **code == code_max).count();
+            pixels += columns.len();
+        }
+        50 * at_limit > pixels
     }
 
-    /// Whether a feature's skirt is so wide that the lattice cannot matter; what the relief adds to it is allowed for.
-    fn has_soft_edge(&self, outline: &Outline) -> bool {
-        outline.skirt * self.relief.scale as f64 > 2.0 * BLUR_MAX + 2.0 * self.relief.scale as f64
-    }
-
-    fn feature(&self, outline: &Outline, centre: Centre, overlapped: bool) -> Feature {
+    fn feature(&self, blob: &Blob, centre: Centre, overlapped: bool) -> Feature {
         let step = self.plane.step_px as f64;
+        let [column, row] = centre.position;
         Feature {
-            centre: self.frame_position(centre.position),
+            centre: PixelPoint { u: self.plane.frame_u_px(column), v: self.plane.frame_v_px(row) },
             centre_std_px: centre.std.map(|std| std * step),
-            area_px: self.area_px(outline),
-            height_codes: f64::from(outline.height),
-            ground_codes: self.contrast.ground,
-            edge_px: outline.skirt * self.relief.scale as f64 * step,
+            area_px: blob.area * step * step,
+            height_codes: f64::from(blob.height),
+            ground_codes: self.ground.level,
+            edge_px: blob.edge * step,
             overlapped,
         }
-    }
-
-    fn frame_position(&self, position: [f64; 2]) -> PixelPoint {
-        PixelPoint { u: self.plane.frame_u_px(position[0]), v: self.plane.frame_v_px(position[1]) }
-    }
-
-    fn area_px(&self, outline: &Outline) -> f64 {
-        (self.pixels(outline) * self.plane.step_px.pow(2)) as f64
-    }
-
-    /// Pixels of the plane in an outline.
-    fn pixels(&self, outline: &Outline) -> usize {
-        outline.pixels.len() * self.relief.scale.pow(2)
     }
 }

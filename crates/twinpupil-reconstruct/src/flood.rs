@@ -38,11 +38,18 @@ pub(crate) fn flood(surface: &[f32], columns: usize, rule: FloodRule) -> Basins 
         let index = index as usize;
         let mut home = NONE;
         let mut last = NONE;
+        let mut highest = (f32::NEG_INFINITY, NONE);
         for line in [index - columns - 1, index - 1, index + columns - 1] {
             let three: [u32; 3] = [labels[line], labels[line + 1], labels[line + 2]];
             for (place, label) in (line..).zip(three) {
+                if label == NONE {
+                    continue;
+                }
+                if surface[place] > highest.0 {
+                    highest = (surface[place], label);
+                }
                 // Most neighbours carry the label of the one before.
-                if label == NONE || label == last {
+                if label == last {
                     continue;
                 }
                 let basin = forest.root(label);
@@ -55,11 +62,10 @@ pub(crate) fn flood(surface: &[f32], columns: usize, rule: FloodRule) -> Basins 
                 }
             }
         }
-        if home == NONE {
-            home = forest.open(surface[index]);
-        }
-        forest.pixels[home as usize] += 1;
-        labels[index] = home;
+        // On a border the pixel belongs to where its highest neighbour does, or one basin would creep round the other.
+        let own = if home == NONE { forest.open(surface[index]) } else { forest.root(highest.1) };
+        forest.pixels[own as usize] += 1;
+        labels[index] = own;
     }
     label_rim(&mut labels, surface, columns, rule.floor);
     forest.number(labels)
@@ -188,6 +194,23 @@ mod tests {
     fn two_peaks_with_a_high_saddle_are_one() {
         let basins = flood_line(&[1.0, 9.0, 7.0, 8.0, 1.0], RULE);
         assert_eq!((basins.count, basins.labels), (1, vec![0; 5]));
+    }
+
+    #[test]
+    fn basins_do_not_creep_round_each_other() {
+        // Two cones, the higher one above, with a common foot.
+        let cone = |u: f64, v: f64, r: f64, top: f64| (top - (u - 30.0).hypot(v - r)).max(0.0);
+        let surface: Vec<f32> = (0..60 * 60)
+            .map(|index| {
+                let (u, v) = (f64::from(index % 60), f64::from(index / 60));
+                cone(u, v, 20.0, 12.0).max(cone(u, v, 38.0, 11.0)) as f32
+            })
+            .collect();
+        let basins = flood(&surface, 60, RULE);
+        assert_eq!(basins.count, 2);
+        let lower = basins.labels[38 * 60 + 30];
+        let crept = (32..60).flat_map(|row| (0..60).map(move |column| row * 60 + column));
+        assert!(crept.map(|index| basins.labels[index]).all(|label| label == NONE || label == lower));
     }
 
     #[test]

@@ -11,13 +11,9 @@ use crate::window::Windows;
 
 /// An evenly lit ellipse with an edge, in pixels of the plane.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Ellipse {
-    /// Inverse of its matrix: the edge is where `uᵀ S⁻¹ u = 1`.
-    inverse: [f64; 3],
-    /// Extent along columns and rows.
-    extent: [f64; 2],
-    /// Its shorter semi-axis.
-    semi_minor: f64,
+pub(crate) struct Ellipse {
+    /// Its matrix S, as cc, cr, rr: the edge is where `uᵀ S⁻¹ u = 1`.
+    matrix: [f64; 3],
     /// Radius of the blur of its edge.
     blur: f64,
 }
@@ -25,23 +21,43 @@ struct Ellipse {
 /// Edges blurred over a larger radius than this are smooth on the lattice.
 pub(crate) const BLUR_MAX: f64 = 1.5;
 
-/// Moves centres by what the lattice does to them.
-///
-/// `pixel_width` is the side of a pixel in units of the lattice: 1/2 on a Bayer mosaic. `centre` is the centroid as
-/// measured in the feature's window; the return value is the centroid of the light between the pixels too.
-pub(crate) fn off_lattice(
-    windows: &Windows<'_>,
-    contrast: &Contrast,
-    noise: &Noise,
-    feature: usize,
-    centre: [f64; 2],
-    pixel_width: f64,
-) -> [f64; 2] {
-    const SMALL: f64 = 0.005;
-    let Some(ellipse) = Ellipse::of(windows, contrast, noise, feature, pixel_width) else { return centre };
-    if ellipse.blur > BLUR_MAX {
-        return centre;
+/// What a window holds, summed about its centre.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(crate) struct Shape {
+    pub(crate) light: f64,
+    pub(crate) squares: f64,
+    /// Sum of the pixels' variances.
+    pub(crate) scatter: f64,
+    /// Second moments, as cc, cr, rr.
+    pub(crate) second: [f64; 3],
+}
+
+impl Shape {
+    /// Of a window whose light is shared, pixel by pixel.
+    pub(crate) fn of_shared_light(windows: &Windows<'_>, contrast: &Contrast, noise: &Noise, feature: usize) -> Self {
+        let [c0, r0] = windows.centres[feature];
+        let mut shape = Self::default();
+        windows.for_each_pixel(feature, |pixel| {
+            let (dc, dr) = (pixel.column - c0, pixel.row - r0);
+            shape.light += pixel.signal;
+            shape.squares += pixel.signal * pixel.signal;
+            shape.scatter += pixel.share * pixel.share * noise.variance(contrast.code(pixel.contrast));
+            shape.second[0] += dc * dc * pixel.signal;
+            shape.second[1] += dc * dr * pixel.signal;
+            shape.second[2] += dr * dr * pixel.signal;
+        });
+        shape
     }
+}
+
+/// Moves a centroid by what the lattice does to it, to the centroid of the light between the pixels too.
+///
+/// `pixel_width` is the side of a pixel in units of the lattice: 1/2 on a Bayer mosaic.
+pub(crate) fn off_lattice(shape: &Shape, centre: [f64; 2], pixel_width: f64) -> [f64; 2] {
+    const SMALL: f64 = 0.005;
+    let Some(ellipse) = Ellipse::of(shape, pixel_width).filter(|ellipse| ellipse.blur <= BLUR_MAX) else {
+        return centre;
+    };
     let settled = |shift: [f64; 2]| [centre[0] - shift[0], centre[1] - shift[1]];
     // The jump as it is at the centroid, and if that is not small, as it is where the feature then seems to be.
     let shift = ellipse.lattice_shift(centre, pixel_width);
@@ -57,91 +73,92 @@ impl Ellipse {
     /// ```text
     /// Σ (I/A)(1 − I/A) = perimeter · σ/√π          for an edge that rises like a normal distribution of width σ
     /// ```
-    fn of(windows: &Windows<'_>, contrast: &Contrast, noise: &Noise, feature: usize, pixel_width: f64) -> Option<Self> {
-        let [c0, r0] = windows.centres[feature];
-        let (mut sum, mut squares, mut scatter, mut second) = (0.0, 0.0, 0.0, [0.0; 3]);
-        windows.for_each_pixel(feature, |pixel| {
-            let (dc, dr) = (pixel.column - c0, pixel.row - r0);
-            sum += pixel.signal;
-            squares += pixel.signal * pixel.signal;
-            scatter += pixel.share * pixel.share * noise.variance(contrast.code(pixel.contrast));
-            second[0] += dc * dc * pixel.signal;
-            second[1] += dc * dr * pixel.signal;
-            second[2] += dr * dr * pixel.signal;
-        });
+    fn of(shape: &Shape, pixel_width: f64) -> Option<Self> {
+        let Shape { light, squares, scatter, second } = *shape;
         // Second moments of an ellipse are a quarter of its matrix.
-        let [cc, cr, rr] = second.map(|moment| 4.0 * moment / sum);
-        let determinant = cc * rr - cr * cr;
-        if !(sum > 0.0 && cc > 0.0 && determinant > 1.0) {
+        let [cc, cr, rr] = second.map(|moment| 4.0 * moment / light);
+        if !(light > 0.0 && cc > 0.0 && cc * rr - cr * cr > 1.0) {
             return None;
         }
         let (a, b) = semi_axes(cc, cr, rr);
-        let height = sum / (std::f64::consts::PI * a * b);
-        let half_lit = (sum - (squares - scatter) / height) / height;
+        let height = light / (std::f64::consts::PI * a * b);
+        let half_lit = (light - (squares - scatter) / height) / height;
         // Ramanujan's perimeter.
         let perimeter = std::f64::consts::PI * (3.0 * (a + b) - ((3.0 * a + b) * (a + 3.0 * b)).sqrt());
         let width = half_lit.max(0.0) / perimeter * std::f64::consts::PI.sqrt();
         // The pixel's own share of the width has a variance of 1/12 of its side squared, the blur's a quarter of its
         // radius squared.
         let blur = 2.0 * (width * width - pixel_width * pixel_width / 12.0).max(0.0).sqrt();
-        Some(Self {
-            inverse: [rr / determinant, -cr / determinant, cc / determinant],
-            extent: [cc.sqrt(), rr.sqrt()],
-            semi_minor: b,
-            blur,
-        })
+        Some(Self { matrix: [cc, cr, rr], blur })
     }
 
-    /// Centroid of the ellipse as the pixels see it, less its centre.
+    /// Centroid of the ellipse as the pixels see it, less its centre c.
+    ///
+    /// The sum over the lattice is one over its waves (Poisson's summation), of which few are left:
+    ///
+    /// ```text
+    /// shift = Σ_G 2 sin(G·c) ∇F(G)                    G = 2π (m, n), one of each pair ±G
+    /// F(k)  = 2 J₁(q)/q · sinc(k₁ w/2) sinc(k₂ w/2) · 2 J₁(|k| b)/(|k| b)          q = √(kᵀ S k)
+    /// ```
+    ///
+    /// for pixels of width w and a blur of radius b. Only the ellipse's own factor changes fast enough with k for its
+    /// slope to matter: d(2 J₁(q)/q)/dq = −2 J₂(q)/q.
     fn lattice_shift(&self, centre: [f64; 2], pixel_width: f64) -> [f64; 2] {
-        let margin = self.blur + pixel_width;
-        // Below the first level a pixel lies wholly inside, above the second wholly outside.
-        let certain = [(1.0 - margin / self.semi_minor).max(0.0).powi(2), (1.0 + margin / self.semi_minor).powi(2)];
-        let (mut light, mut moment) = (0.0, [0.0; 2]);
-        let rows = (centre[1] - self.extent[1] - margin).ceil() as i64..=(centre[1] + self.extent[1] + margin) as i64;
-        let columns =
-            (centre[0] - self.extent[0] - margin).ceil() as i64..=(centre[0] + self.extent[0] + margin) as i64;
-        for row in rows {
-            for column in columns.clone() {
-                let u = [column as f64 - centre[0], row as f64 - centre[1]];
-                let level2 = self.level2(u);
-                if level2 > certain[1] {
-                    continue;
-                }
-                let seen = if level2 < certain[0] { 1.0 } else { self.pixel(u, pixel_width, margin) };
-                light += seen;
-                moment[0] += seen * u[0];
-                moment[1] += seen * u[1];
+        let [cc, cr, rr] = self.matrix;
+        let turns = centre.map(|coordinate| (std::f64::consts::TAU * coordinate.fract()).sin_cos());
+        let mut shift = [0.0; 2];
+        for [m, n] in WAVES {
+            let [k1, k2] = [m, n].map(|order| std::f64::consts::TAU * f64::from(order));
+            let seen = sinc(0.5 * k1 * pixel_width) * sinc(0.5 * k2 * pixel_width);
+            if seen.abs() < 1e-9 {
+                continue;
             }
+            let pull = [cc * k1 + cr * k2, cr * k1 + rr * k2];
+            let q = (k1 * pull[0] + k2 * pull[1]).sqrt();
+            let blurred = bessel_1_over(self.blur * (k1 * k1 + k2 * k2).sqrt());
+            let ((sin_1, cos_1), (sin_2, cos_2)) = (multiple(turns[0], m), multiple(turns[1], n));
+            let wave = sin_1 * cos_2 + cos_1 * sin_2;
+            let size = -4.0 * wave * bessel_2(q) / (q * q) * seen * blurred;
+            shift[0] += size * pull[0];
+            shift[1] += size * pull[1];
         }
-        if light > 0.0 { moment.map(|m| m / light) } else { [0.0; 2] }
+        shift
     }
+}
 
-    /// `uᵀ S⁻¹ u`: 1 on the edge.
-    fn level2(&self, u: [f64; 2]) -> f64 {
-        let [cc, cr, rr] = self.inverse;
-        cc * u[0] * u[0] + 2.0 * cr * u[0] * u[1] + rr * u[1] * u[1]
-    }
+/// Waves of the lattice that matter: those that are left out move the centroid by a fiftieth of what these do.
+const WAVES: [[i32; 2]; 10] = [[1, 0], [0, 1], [1, 1], [1, -1], [3, 0], [0, 3], [3, 1], [3, -1], [1, 3], [1, -3]];
 
-    /// Light in a pixel centred at `u` from the ellipse's centre, 0 to 1.
-    fn pixel(&self, u: [f64; 2], pixel_width: f64, margin: f64) -> f64 {
-        let [cc, cr, rr] = self.inverse;
-        let gradient = [cc * u[0] + cr * u[1], cr * u[0] + rr * u[1]];
-        let level = self.level2(u).sqrt();
-        let steepness = (gradient[0] * gradient[0] + gradient[1] * gradient[1]).sqrt() / level.max(1e-12);
-        let depth = (1.0 - level) / steepness.max(1e-12);
-        if level < 1e-6 || depth >= margin {
-            return 1.0;
-        }
-        if depth <= -margin {
-            return 0.0;
-        }
-        let normal = gradient.map(|g| (g / (steepness * level)).abs() * pixel_width);
-        // Positions across a round blur that stand for a sixth of its light each.
-        const ACROSS: [f64; 3] = [0.131, 0.404, 0.724];
-        let blurred = |s: f64| half_plane(depth + s * self.blur, normal) + half_plane(depth - s * self.blur, normal);
-        ACROSS.iter().map(|&s| blurred(s)).sum::<f64>() / (2 * ACROSS.len()) as f64
+/// Sine and cosine of an angle times −3, −1, 0, 1 or 3.
+fn multiple((sin, cos): (f64, f64), times: i32) -> (f64, f64) {
+    let sign = f64::from(times.signum());
+    match times.abs() {
+        0 => (0.0, 1.0),
+        1 => (sign * sin, cos),
+        _ => (sign * sin * (3.0 - 4.0 * sin * sin), cos * (4.0 * cos * cos - 3.0)),
     }
+}
+
+fn sinc(x: f64) -> f64 {
+    if x.abs() < 1e-9 { 1.0 } else { x.sin() / x }
+}
+
+/// J₂ of a large argument, by the first two terms of Hankel's expansion  [Abramowitz and Stegun, 9.2.5].
+fn bessel_2(x: f64) -> f64 {
+    let (sin, cos) = (x - 1.25 * std::f64::consts::PI).sin_cos();
+    (2.0 / (std::f64::consts::PI * x)).sqrt() * (cos - 15.0 / (8.0 * x) * sin)
+}
+
+/// 2 J₁(x)/x, 1 at zero  [Abramowitz and Stegun, 9.4.4, 9.2.5].
+fn bessel_1_over(x: f64) -> f64 {
+    const SERIES: [f64; 7] =
+        [0.5, -0.562_499_85, 0.210_935_73, -0.039_542_89, 0.004_433_19, -0.000_317_61, 0.000_011_09];
+    if x < 3.0 {
+        let y = (x / 3.0).powi(2);
+        return 2.0 * SERIES.iter().rev().fold(0.0, |sum, term| sum * y + term);
+    }
+    let (sin, cos) = (x - 0.75 * std::f64::consts::PI).sin_cos();
+    2.0 / x * (2.0 / (std::f64::consts::PI * x)).sqrt() * (cos - 3.0 / (8.0 * x) * sin)
 }
 
 /// Semi-axes of the ellipse with a matrix.
@@ -150,35 +167,18 @@ fn semi_axes(cc: f64, cr: f64, rr: f64) -> (f64, f64) {
     ((mean + difference).sqrt(), (mean - difference).max(0.0).sqrt())
 }
 
-/// Share of a square pixel that lies inside a straight edge `depth` beyond its centre, for the pixel's side times the
-/// absolute components of the edge's normal. Seen along the normal the pixel is a trapezoid.
-fn half_plane(depth: f64, side_normal: [f64; 2]) -> f64 {
-    let (wide, narrow) = (side_normal[0].max(side_normal[1]), side_normal[0].min(side_normal[1]).max(1e-9));
-    let (foot, top) = (0.5 * (wide + narrow), 0.5 * (wide - narrow));
-    let outside = |t: f64| (foot - t).powi(2) / (2.0 * wide * narrow);
-    match depth {
-        t if t >= foot => 1.0,
-        t if t <= -foot => 0.0,
-        t if t > top => 1.0 - outside(t),
-        t if t < -top => outside(-t),
-        t => 0.5 + t / wide,
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn half_a_pixel_lies_inside_an_edge_through_its_centre() {
-        for normal in [[1.0, 0.0], [0.6, 0.8], [0.707, 0.707]] {
-            assert!((half_plane(0.0, normal) - 0.5).abs() < 1e-12);
-            assert_eq!((half_plane(1.0, normal), half_plane(-1.0, normal)), (1.0, 0.0));
+    fn bessel_functions_have_their_tabulated_values() {
+        for (x, j1) in [(0.5, 0.242_268), (2.0, 0.576_725), (5.0, -0.327_579), (9.0, 0.245_312)] {
+            assert!((0.5 * x * bessel_1_over(x) - j1).abs() < 4e-3, "{x}");
         }
-        // A diagonal edge through a corner of the inner square: the triangle outside has area (√½ − t)².
-        let t = 0.5;
-        let diagonal = 0.5_f64.sqrt();
-        assert!((half_plane(t, [diagonal, diagonal]) - (1.0 - (diagonal - t).powi(2))).abs() < 1e-9);
+        for (x, j2) in [(10.0, 0.254_630), (20.0, -0.160_341)] {
+            assert!((bessel_2(x) - j2).abs() < 4e-3, "{x}");
+        }
     }
 
     /// Centroid of a sharp disc on a lattice of pixels, integrated by brute force.
@@ -205,12 +205,7 @@ mod tests {
     #[test]
     fn the_jump_of_a_sharp_disc_is_foreseen() {
         let (centre, radius) = ([29.37, 30.21], 21.7);
-        let ellipse = Ellipse {
-            inverse: [1.0 / (radius * radius), 0.0, 1.0 / (radius * radius)],
-            extent: [radius; 2],
-            semi_minor: radius,
-            blur: 0.0,
-        };
+        let ellipse = Ellipse { matrix: [radius * radius, 0.0, radius * radius], blur: 0.0 };
         let shift = ellipse.lattice_shift(centre, 0.5);
         let sampled = sampled_centroid(centre, radius, 0.5);
         for axis in 0..2 {

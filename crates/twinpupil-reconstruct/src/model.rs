@@ -2,7 +2,7 @@
 
 use std::sync::OnceLock;
 
-use twinpupil_instrument::{ImagePoint, Instrument, Projection, ResponseTable};
+use twinpupil_instrument::{ImagePoint, Instrument, PointResponse, Projection, ResponseTable};
 
 /// First-order projections of all bands, and how the lens departs from them. The telecentric band comes first, then the
 /// entocentric one, then the others, if there are any.
@@ -11,6 +11,8 @@ pub(crate) struct Model {
     projections: Vec<Projection>,
     /// Indices of the bands in the table.
     bands: Vec<usize>,
+    /// Where what the lens adds changes unevenly, of each band.
+    uneven: Vec<Uneven>,
     table: Option<ResponseTable>,
 }
 
@@ -21,7 +23,9 @@ impl Model {
     pub(crate) fn new(instrument: &Instrument, table: Option<ResponseTable>) -> Self {
         let bands = instrument.bands_by_role();
         let projections = bands.iter().map(|band| instrument.projection(&instrument.bands[*band])).collect();
-        Self { projections, bands, table }
+        let uneven_of = |band: &usize| table.as_ref().map(|table| Uneven::of(table, *band)).unwrap_or_default();
+        let uneven = bands.iter().map(uneven_of).collect();
+        Self { projections, bands, uneven, table }
     }
 
     /// Number of bands.
@@ -78,19 +82,21 @@ impl Model {
     pub(crate) fn image(&self, band: usize, centre_mm: [f64; 3], disc: &Disc) -> ImagePoint {
         const DIFFERENCE_MM: f64 = 0.01;
         let projection = &self.projections[band];
-        let z_mm = centre_mm[2];
+        let [x_mm, y_mm, z_mm] = centre_mm;
         let slope = (projection.magnification(z_mm + DIFFERENCE_MM) - projection.magnification(z_mm - DIFFERENCE_MM))
             / (2.0 * DIFFERENCE_MM);
+        // Where the light changes evenly over the disc four points are as good as many.
+        let uneven = self.uneven[band].within(x_mm.hypot(y_mm), 0.5 * disc.diameter_mm);
+        let nodes: &'static [[f64; 2]] = if uneven { unit_disc() } else { &EVEN_NODES };
         let (mut light, mut moment) = (0.0, [0.0; 2]);
-        for offset_mm in disc.nodes() {
+        for offset_mm in disc.places(nodes) {
             let point_mm: [f64; 3] = std::array::from_fn(|axis| centre_mm[axis] + offset_mm[axis]);
             let [x_mm, y_mm, z_mm] = point_mm;
-            let chief = projection.image(point_mm);
+            let (chief, magnification) = projection.image_and_magnification(point_mm);
             let (image, throughput) = match &self.table {
                 Some(table) => table.image(self.bands[band], (x_mm * x_mm + y_mm * y_mm).sqrt(), z_mm, chief),
                 None => (chief, 1.0),
             };
-            let magnification = projection.magnification(z_mm);
             let across = x_mm * disc.slopes[0] + y_mm * disc.slopes[1];
             let stretch = magnification * (magnification + slope * across);
             light += throughput * stretch;
@@ -102,6 +108,52 @@ impl Model {
         } else {
             projection.image(centre_mm)
         }
+    }
+}
+
+/// Where a band's response bends with the distance from the axis: where the masks and the stop begin to clip, and for a
+/// real lens perhaps everywhere.
+#[derive(Debug, Clone, Default)]
+struct Uneven {
+    /// First node and distance between nodes, mm.
+    start_mm: f64,
+    step_mm: f64,
+    /// For every node, how many nodes before it are bent at some distance.
+    before: Vec<u32>,
+}
+
+impl Uneven {
+    fn of(table: &ResponseTable, band: usize) -> Self {
+        const THROUGHPUT: f64 = 1e-4;
+        const DEVIATION_MM: f64 = 1e-6;
+        let bent = |node: usize| {
+            let mut rows = table.bands[band].nodes.chunks_exact(table.r_mm.count);
+            rows.any(|row| {
+                let [Some(a), Some(b), Some(c)] =
+                    [node.checked_sub(1), Some(node), Some(node + 1)].map(|node| node.and_then(|node| row.get(node)))
+                else {
+                    return false;
+                };
+                let bend = |value: fn(&PointResponse) -> f64| (value(a) - 2.0 * value(b) + value(c)).abs();
+                bend(|node| node.throughput) > THROUGHPUT || bend(|node| node.radial_deviation_mm) > DEVIATION_MM
+            })
+        };
+        let count = |sum: &mut u32, node: usize| {
+            let before = *sum;
+            *sum += u32::from(bent(node));
+            Some(before)
+        };
+        let before = (0..=table.r_mm.count).scan(0, count).collect();
+        Self { start_mm: table.r_mm.start, step_mm: table.r_mm.step, before }
+    }
+
+    /// Whether the response bends within a distance of a place.
+    fn within(&self, r_mm: f64, reach_mm: f64) -> bool {
+        let Some(last) = self.before.len().checked_sub(1) else { return false };
+        let node = |r_mm: f64| (r_mm - self.start_mm) / self.step_mm;
+        let first = (node(r_mm - reach_mm).floor().max(0.0) as usize).min(last);
+        let end = ((node(r_mm + reach_mm).ceil().max(0.0) as usize) + 1).min(last);
+        self.before[end] > self.before[first]
     }
 }
 
@@ -119,20 +171,27 @@ const RINGS: usize = 4;
 const SPOKES: usize = 12;
 
 impl Disc {
-    /// Points spread over the disc, relative to its centre, mm. Their second moments are the disc's.
-    fn nodes(&self) -> impl Iterator<Item = [f64; 3]> + use<> {
+    /// Points spread over the disc as `nodes` are over the unit disc, relative to its centre, mm. Their second moments
+    /// are the disc's.
+    fn places(&self, nodes: &'static [[f64; 2]]) -> impl Iterator<Item = [f64; 3]> + use<> {
         let [sx, sy] = self.slopes;
         // Two unit vectors in the surface: along the steepest slope, where the disc is foreshortened, and across it.
         let steepest = sx.hypot(sy);
         let (ux, uy) = if steepest > 0.0 { (sx / steepest, sy / steepest) } else { (1.0, 0.0) };
         let cos_tilt = 1.0 / 1.0_f64.hypot(steepest);
         let radius_mm = 0.5 * self.diameter_mm;
-        unit_disc().iter().map(move |[u, v]| {
+        nodes.iter().map(move |[u, v]| {
             let (along, across) = (radius_mm * u * cos_tilt, radius_mm * v);
             [along * ux - across * uy, along * uy + across * ux, along * steepest]
         })
     }
 }
+
+/// Four points that stand for the unit disc: the mean over them is that over the disc of every cubic function.
+const EVEN_NODES: [[f64; 2]; 4] = {
+    let half = std::f64::consts::FRAC_1_SQRT_2;
+    [[half, 0.0], [0.0, half], [-half, 0.0], [0.0, -half]]
+};
 
 /// Points spread over the unit disc, each for an equal area.
 fn unit_disc() -> &'static [[f64; 2]] {
@@ -152,7 +211,7 @@ mod tests {
     use super::*;
     const FACING: Disc = Disc { diameter_mm: 1.0, slopes: [0.0; 2] };
 
-    use twinpupil_instrument::{BandResponse, Grid, PointResponse, paper};
+    use twinpupil_instrument::{BandResponse, Grid, paper};
 
     fn table(response: impl Fn(f64) -> PointResponse) -> ResponseTable {
         let (r_mm, z_mm) = (Grid::spanning(0.0, 10.0, 401), Grid::spanning(240.0, 360.0, 2));
@@ -202,5 +261,21 @@ mod tests {
         let expected_mm = -4.0 * tilt.tan() * 151.0 * (0.5 * tilt.cos()).powi(2) / 4.0 / 300.0_f64.powi(2);
         assert!(((entocentric.x_mm - entocentric_chief.x_mm) / expected_mm - 1.0).abs() < 1e-3);
         assert!((telecentric.x_mm - telecentric_chief.x_mm).abs() < 1e-12);
+    }
+
+    #[test]
+    fn four_points_are_as_good_as_many_where_the_light_changes_evenly() {
+        let bent = |r: f64| if r < 4.0 { 0.25 * r } else { 1.0 };
+        let clipped = table(|r| PointResponse { throughput: bent(r), radial_deviation_mm: 0.01, aberration_mm: 0.0 });
+        let model = Model::new(&paper::instrument(), Some(clipped));
+        assert!(model.uneven[0].within(4.4, 0.5) && !model.uneven[0].within(4.6, 0.5));
+        let everywhere =
+            || Uneven { before: (0..model.uneven[0].before.len() as u32).collect(), ..model.uneven[0].clone() };
+        let always = Model { uneven: [everywhere(), everywhere()], ..model.clone() };
+        let disc = Disc { diameter_mm: 1.0, slopes: [1.0, 0.3] };
+        let object_mm = [5.2, 1.0, 290.0];
+        for (few, many) in model.images(object_mm, &disc).into_iter().zip(always.images(object_mm, &disc)) {
+            assert!((few.x_mm - many.x_mm).hypot(few.y_mm - many.y_mm) < 1e-6, "{few:?} {many:?}");
+        }
     }
 }

@@ -348,7 +348,8 @@ impl Reconstructor {
         let [u, v] = self.instrument.axis_px(stated);
         let estimator = match self.options.mode {
             Mode::Paper => Estimator::Radial { axis: PixelPoint { u, v } },
-            Mode::Centroid | Mode::Model => Estimator::Cartesian,
+            Mode::Centroid => Estimator::Cartesian,
+            Mode::Model => Estimator::Rough,
         };
         let options = DetectOptions { estimator, ..self.options.detect };
         let mut detection = Detection::default();

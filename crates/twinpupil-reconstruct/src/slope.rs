@@ -1,6 +1,6 @@
 //! How the surface under each point is tilted, as its neighbours show it.
 
-use crate::fit::{FitPoint, PlaneFit, fit_plane};
+use nalgebra::{Matrix3, Vector3};
 
 /// Neighbours through which a plane is laid, the point itself included.
 const NEIGHBOURS: usize = 9;
@@ -14,13 +14,20 @@ const SLOPE_STD_MAX: f64 = 0.1;
 pub(crate) fn local_slopes(known_mm: &[[f64; 3]], at_mm: &[[f64; 3]]) -> Vec<Option<[f64; 2]>> {
     let mut by_x = known_mm.to_vec();
     by_x.sort_by(|a, b| a[0].total_cmp(&b[0]));
-    at_mm.iter().map(|place_mm| slopes_of(&nearest(&by_x, *place_mm))).collect()
+    let mut near = Vec::with_capacity(NEIGHBOURS + 1);
+    let slopes = |place_mm: &[f64; 3]| {
+        nearest(&by_x, *place_mm, &mut near);
+        let mut neighbours: [[f64; 3]; NEIGHBOURS] = Default::default();
+        neighbours.iter_mut().zip(&near).for_each(|(neighbour, (_, index))| *neighbour = by_x[*index]);
+        slopes_of(&mut neighbours[..near.len()], *place_mm)
+    };
+    at_mm.iter().map(slopes).collect()
 }
 
 /// The nearest points to a place, of points in the order of x, searched outwards until none farther along x can be
 /// nearer.
-fn nearest(by_x: &[[f64; 3]], [x0_mm, y0_mm, _]: [f64; 3]) -> Vec<FitPoint> {
-    let mut found: Vec<(f64, usize)> = Vec::with_capacity(NEIGHBOURS + 1);
+fn nearest(by_x: &[[f64; 3]], [x0_mm, y0_mm, _]: [f64; 3], found: &mut Vec<(f64, usize)>) {
+    found.clear();
     let start = by_x.partition_point(|point_mm| point_mm[0] < x0_mm);
     let (mut left, mut right) = (start.checked_sub(1), start);
     loop {
@@ -42,21 +49,58 @@ fn nearest(by_x: &[[f64; 3]], [x0_mm, y0_mm, _]: [f64; 3]) -> Vec<FitPoint> {
         }
         if side == right { right += 1 } else { left = side.checked_sub(1) }
     }
-    // Without deviations the fit takes those of its parameters from the scatter: it must be the surface that is flat.
-    found.iter().map(|&(_, index)| FitPoint { position_mm: by_x[index], z_std_mm: None }).collect()
 }
 
-/// Slopes of the plane through the neighbours, without the two that lie farthest off it.
-fn slopes_of(neighbours: &[FitPoint]) -> Option<[f64; 2]> {
+/// Slopes of the plane through the neighbours of a place, without the two that lie farthest off it.
+fn slopes_of(neighbours_mm: &mut [[f64; 3]], place_mm: [f64; 3]) -> Option<[f64; 2]> {
     const FEWEST: usize = 5;
     const DROPPED: usize = 2;
-    let first = fit_plane(neighbours).ok()?;
-    let mut kept = neighbours.to_vec();
-    kept.sort_by(|a, b| first.distance_mm(a).abs().total_cmp(&first.distance_mm(b).abs()));
-    kept.truncate((neighbours.len() - DROPPED).max(FEWEST));
-    let PlaneFit { slope_x, slope_y, .. } = fit_plane(&kept).ok()?;
-    let sure = kept.len() >= FEWEST && slope_x.std.max(slope_y.std) < SLOPE_STD_MAX;
-    sure.then_some([slope_x.value, slope_y.value])
+    let first = Plane::through(neighbours_mm, place_mm)?;
+    let off_mm = |point_mm: &[f64; 3]| first.off_mm(point_mm).abs();
+    neighbours_mm.sort_by(|a, b| off_mm(a).total_cmp(&off_mm(b)));
+    let kept_mm =
+        &neighbours_mm[..(neighbours_mm.len() - DROPPED.min(neighbours_mm.len())).max(FEWEST).min(neighbours_mm.len())];
+    let plane = Plane::through(kept_mm, place_mm)?;
+    let sure = kept_mm.len() >= FEWEST && plane.slope_std(kept_mm) < SLOPE_STD_MAX;
+    sure.then_some(plane.slopes)
+}
+
+/// A plane `z = z₀ + s·(x − x₀)` by least squares.
+struct Plane {
+    origin_mm: [f64; 3],
+    slopes: [f64; 2],
+    /// Inverse of the normal matrix, for z₀ and both slopes.
+    inverse: Matrix3<f64>,
+}
+
+impl Plane {
+    /// Through points, seen from one amid them; `None` if they stand in a line.
+    fn through(points_mm: &[[f64; 3]], origin_mm: [f64; 3]) -> Option<Self> {
+        const LINE: f64 = 1e-9;
+        let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
+        for point_mm in points_mm {
+            let row = Vector3::new(1.0, point_mm[0] - origin_mm[0], point_mm[1] - origin_mm[1]);
+            normal += row * row.transpose();
+            right += row * (point_mm[2] - origin_mm[2]);
+        }
+        let size = normal.diagonal().product();
+        let inverse = normal.try_inverse().filter(|_| normal.determinant() > LINE * size)?;
+        let [z_mm, sx, sy] = (inverse * right).into();
+        let origin_mm = [origin_mm[0], origin_mm[1], origin_mm[2] + z_mm];
+        Some(Self { origin_mm, slopes: [sx, sy], inverse })
+    }
+
+    fn off_mm(&self, point_mm: &[f64; 3]) -> f64 {
+        let [x_mm, y_mm, z_mm] = [0, 1, 2].map(|axis| point_mm[axis] - self.origin_mm[axis]);
+        z_mm - self.slopes[0] * x_mm - self.slopes[1] * y_mm
+    }
+
+    /// Deviation of the steeper slope, from the scatter of the points: it must be the surface that is flat.
+    fn slope_std(&self, points_mm: &[[f64; 3]]) -> f64 {
+        let squares: f64 = points_mm.iter().map(|point_mm| self.off_mm(point_mm).powi(2)).sum();
+        let variance = squares / (points_mm.len().saturating_sub(3)).max(1) as f64;
+        (variance * self.inverse[(1, 1)].max(self.inverse[(2, 2)])).sqrt()
+    }
 }
 
 #[cfg(test)]

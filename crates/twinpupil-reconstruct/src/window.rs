@@ -30,16 +30,13 @@ pub(crate) struct WindowPixel {
     pub(crate) contrast: f32,
 }
 
-/// Pixels added to a feature's reach: enough for its skirts, and little ground, whose noise grows with the window.
-const MARGIN: f64 = 0.5;
-
 impl<'a> Windows<'a> {
-    /// Windows about features that each have a centre, an extent and a skirt about it, pixels of the plane.
-    pub(crate) fn new(contrast: &'a Contrast, features: &[([f64; 2], f64, f64)]) -> Self {
-        let centres: Vec<[f64; 2]> = features.iter().map(|(centre, ..)| *centre).collect();
-        let outlines = features.iter().map(|(centre, extent, _)| (*centre, *extent)).collect();
-        let radii: Vec<f64> = features.iter().map(|(_, extent, skirt)| extent + skirt + MARGIN).collect();
-        let mut neighbours = overlapping(&centres, &radii);
+    /// Windows about features that each have a centre, an extent and a radius that holds all their light, pixels of the
+    /// plane. `neighbours` are those that [`overlapping`] gives.
+    pub(crate) fn new(contrast: &'a Contrast, discs: &[Disc], mut neighbours: Vec<Vec<u32>>) -> Self {
+        let centres: Vec<[f64; 2]> = discs.iter().map(|disc| disc.centre).collect();
+        let outlines = discs.iter().map(|disc| (disc.centre, disc.extent)).collect();
+        let radii: Vec<f64> = discs.iter().map(|disc| disc.radius).collect();
         for (feature, near) in neighbours.iter_mut().enumerate() {
             keep_nearest(near, &centres, feature);
         }
@@ -166,21 +163,33 @@ fn keep_nearest(near: &mut Vec<u32>, centres: &[[f64; 2]], feature: usize) {
     near.truncate(NEIGHBOURS_MAX);
 }
 
-/// For every disc, the discs that overlap it.
-fn overlapping(centres: &[[f64; 2]], radii: &[f64]) -> Vec<Vec<u32>> {
-    let mut by_column: Vec<usize> = (0..centres.len()).collect();
-    by_column.sort_by(|&a, &b| centres[a][0].total_cmp(&centres[b][0]));
-    let largest = radii.iter().copied().fold(0.0, f64::max);
-    let mut neighbours = vec![Vec::new(); centres.len()];
+/// Where the light of a feature lies, pixels of the plane.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Disc {
+    pub(crate) centre: [f64; 2],
+    /// Distance from the centre to the farthest pixel of the outline.
+    pub(crate) extent: f64,
+    /// Radius of the window that holds all its light.
+    pub(crate) radius: f64,
+}
+
+/// For every disc, the discs whose windows overlap its own.
+pub(crate) fn overlapping(discs: &[Disc]) -> Vec<Vec<u32>> {
+    let mut by_column: Vec<u32> = (0..discs.len() as u32).collect();
+    by_column.sort_by(|&a, &b| discs[a as usize].centre[0].total_cmp(&discs[b as usize].centre[0]));
+    let largest = discs.iter().map(|disc| disc.radius).fold(0.0, f64::max);
+    let mut neighbours = vec![Vec::new(); discs.len()];
     for (k, &a) in by_column.iter().enumerate() {
+        let own = &discs[a as usize];
         for &b in &by_column[k + 1..] {
-            let (dx, dy) = (centres[b][0] - centres[a][0], centres[b][1] - centres[a][1]);
-            if dx > radii[a] + largest {
+            let other = &discs[b as usize];
+            let (dx, dy) = (other.centre[0] - own.centre[0], other.centre[1] - own.centre[1]);
+            if dx > own.radius + largest {
                 break;
             }
-            if dx.hypot(dy) < radii[a] + radii[b] {
-                neighbours[a].push(b as u32);
-                neighbours[b].push(a as u32);
+            if dx.hypot(dy) < own.radius + other.radius {
+                neighbours[a as usize].push(b);
+                neighbours[b as usize].push(a);
             }
         }
     }

@@ -46,10 +46,19 @@ fn frames(criterion: &mut Criterion) {
                 bencher.iter(|| reconstructor.frame(black_box(&frame)).expect("a frame of this camera"));
             });
         }
+        for (estimator, mode) in [("rough", Mode::Model), ("Cartesian", Mode::Centroid), ("radial", Mode::Paper)] {
+            let reconstructor = reconstructor(mode);
+            group.bench_function(format!("detect one plane, {estimator}, {name}"), |bencher| {
+                bencher.iter(|| {
+                    reconstructor.detect(black_box(&frame), Role::Telecentric).expect("a frame of this camera")
+                });
+            });
+        }
         let reconstructor = reconstructor(Mode::Centroid);
-        group.bench_function(format!("detect one plane, {name}"), |bencher| {
-            bencher
-                .iter(|| reconstructor.detect(black_box(&frame), Role::Telecentric).expect("a frame of this camera"));
+        let [telecentric, entocentric] = [Role::Telecentric, Role::Entocentric]
+            .map(|role| reconstructor.detect(&frame, role).expect("a frame of this camera"));
+        group.bench_function(format!("pair and place, {name}"), |bencher| {
+            bencher.iter(|| reconstructor.points_from(telecentric.clone(), entocentric.clone()));
         });
     }
     group.finish();

@@ -1,0 +1,196 @@
+//! The level of the ground: even, as some thousand pixels show, or else a surface.
+
+use multiversion::multiversion;
+use twinpupil_instrument::PlaneView;
+
+use crate::background::{Background, Polarity, quantile};
+use crate::noise::Noise;
+use crate::shading::Shading;
+
+/// The ground of a plane.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Ground {
+    /// Which side of it features lie on.
+    pub(crate) polarity: Polarity,
+    /// Mean level, codes.
+    pub(crate) level: f64,
+    /// Standard deviation of one of its pixels, codes.
+    pub(crate) pixel_noise: f32,
+    /// Its surface where it is not even.
+    pub(crate) surface: Option<Background>,
+}
+
+/// Buffers of a survey.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Survey {
+    codes: Vec<f32>,
+    sorted: Vec<f32>,
+}
+
+/// Tiles across and down the plane, and samples across and down a tile.
+const TILES: [usize; 2] = [8, 5];
+const TILE_SAMPLES: usize = 8;
+
+/// Share of a tile that is surely ground on either side of the middle, however many features it holds.
+const GROUND_SHARE: f64 = 0.2;
+
+/// A quantile of a tile's samples scatters by a fifth of a pixel's noise: even grounds differ by less than this.
+const EVEN_SIGMAS: f32 = 2.0;
+
+/// Samples within so many standard deviations of the ground belong to it.
+const GROUND_SIGMAS: f32 = 2.5;
+
+/// Least noise of a pixel: that of rounding to whole codes, 1/√12.
+const ROUNDING_NOISE: f32 = 0.29;
+
+impl Ground {
+    /// Looks at the ground of a plane. `noise` gives the variance of a pixel where it is known, `shading` what the masks
+    /// leave of an even ground.
+    pub(crate) fn survey(
+        plane: &PlaneView<'_>,
+        polarity: Option<Polarity>,
+        noise: Option<&Noise>,
+        shading: Option<&Shading>,
+        survey: &mut Survey,
+    ) -> Self {
+        let Survey { codes, sorted } = survey;
+        sample(plane, codes);
+        let side = polarity.unwrap_or_else(|| longer_tail(codes, sorted));
+        let share = if side == Polarity::Bright { GROUND_SHARE } else { 1.0 - GROUND_SHARE };
+        let mut tiles = [0.0_f32; TILES[0] * TILES[1]];
+        for (level, tile) in tiles.iter_mut().zip(codes.chunks_exact(TILE_SAMPLES * TILE_SAMPLES)) {
+            *level = quantile_of(tile, sorted, share);
+        }
+        let (lowest, highest) = tiles.iter().fold((f32::MAX, f32::MIN), |(a, b), &t| (a.min(t), b.max(t)));
+        let start = quantile(&mut tiles, 0.5);
+        let (level, scatter) = level_and_scatter(codes, start, side);
+        let known = noise.map_or(0.0, |noise| noise.variance(level).sqrt() as f32);
+        let pixel_noise = known.max(scatter).max(ROUNDING_NOISE);
+        if highest - lowest <= EVEN_SIGMAS * pixel_noise {
+            return Self { polarity: side, level, pixel_noise, surface: None };
+        }
+        let surface = Background::estimate(plane, polarity, noise, shading);
+        Self {
+            polarity: surface.polarity,
+            level: surface.mean + noise.map_or(0.0, |noise| noise.black_level),
+            pixel_noise: (surface.pixel_noise as f32).max(ROUNDING_NOISE),
+            surface: Some(surface),
+        }
+    }
+}
+
+/// Codes spread evenly over the plane, tile by tile.
+fn sample(plane: &PlaneView<'_>, codes: &mut Vec<f32>) {
+    codes.clear();
+    let place = |k: usize, tiles: usize, pixels: usize| (2 * k + 1) * pixels / (2 * tiles * TILE_SAMPLES);
+    for j in 0..TILES[1] {
+        for i in 0..TILES[0] {
+            for r in 0..TILE_SAMPLES {
+                let line = plane.line(place(j * TILE_SAMPLES + r, TILES[1], plane.rows));
+                let column = |c: usize| place(i * TILE_SAMPLES + c, TILES[0], plane.columns);
+                codes.extend((0..TILE_SAMPLES).map(|c| f32::from(line[column(c) * plane.step_px])));
+            }
+        }
+    }
+}
+
+/// [`quantile`] of values that stay in place.
+fn quantile_of(values: &[f32], sorted: &mut Vec<f32>, share: f64) -> f32 {
+    sorted.clear();
+    sorted.extend_from_slice(values);
+    quantile(sorted, share)
+}
+
+/// The polarity whose tail about the median is the longer.
+fn longer_tail(codes: &[f32], sorted: &mut Vec<f32>) -> Polarity {
+    const TAIL: f64 = 0.005;
+    let middle = quantile_of(codes, sorted, 0.5);
+    // What is below the middle now stands before it, what is above behind it.
+    let half = sorted.len() / 2;
+    let low = quantile(&mut sorted[..half], 2.0 * TAIL);
+    let high = quantile(&mut sorted[half..], 1.0 - 2.0 * TAIL);
+    if middle - low > high - middle { Polarity::Dark } else { Polarity::Bright }
+}
+
+/// Mean and standard deviation of the samples about a level; from `start`, a quantile on the far side of the features.
+fn level_and_scatter(codes: &[f32], start: f32, side: Polarity) -> (f64, f32) {
+    const ROUNDS: usize = 3;
+    // Samples beyond the start are all ground: their spread about it gives the first width.
+    let (nearest, farthest) = if side == Polarity::Bright { (f32::MIN, 0.0) } else { (0.0, f32::MAX) };
+    let [count, _, squares] = sums_between(codes, start, nearest, farthest);
+    let (mut level, mut scatter) = (start, 2.0 * (squares / count.max(1.0)).sqrt());
+    for _ in 0..ROUNDS {
+        let reach = GROUND_SIGMAS * scatter.max(0.5);
+        let [count, sum, squares] = sums_between(codes, level, -reach, reach);
+        let mean = sum / count.max(1.0);
+        level += mean;
+        // A normal distribution cut off at 2.5 σ keeps 0.95 of its width.
+        scatter = (squares / count.max(1.0) - mean * mean).max(0.0).sqrt() / 0.95;
+    }
+    (f64::from(level), scatter)
+}
+
+/// Number of the codes between two distances from a level, sum of their distances and of the squares.
+#[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
+fn sums_between(codes: &[f32], level: f32, nearest: f32, farthest: f32) -> [f32; 3] {
+    const LANES: usize = 8;
+    let mut sums = [[0.0_f32; LANES]; 3];
+    // The few that fill no lanes are left out.
+    for values in codes.as_chunks::<LANES>().0 {
+        for lane in 0..LANES {
+            let off = values[lane] - level;
+            let counts = if (off >= nearest) & (off <= farthest) { 1.0 } else { 0.0 };
+            sums[0][lane] += counts;
+            sums[1][lane] += counts * off;
+            sums[2][lane] += counts * off * off;
+        }
+    }
+    sums.map(|lanes| lanes.iter().sum())
+}
+
+#[cfg(test)]
+mod tests {
+    use twinpupil_instrument::{Frame, Mosaic};
+
+    use super::*;
+
+    fn ground(level: impl Fn(usize, usize) -> u16) -> Ground {
+        let codes = (0..400 * 300).map(|index| level(index % 400, index / 400)).collect();
+        let frame = Frame::new(400, 300, u16::MAX, vec![codes]).expect("a legal frame");
+        let plane = frame.plane(Mosaic::Mono, "0").expect("page 0");
+        Ground::survey(&plane, None, None, None, &mut Survey::default())
+    }
+
+    /// Noise of 2 codes, roughly normal.
+    fn noise(u: usize, v: usize) -> u16 {
+        let mix = (u * 7919 + v * 104_729) as u64;
+        let bits = mix.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 48;
+        (bits & 0xffff).count_ones() as u16
+    }
+
+    #[test]
+    fn an_even_ground_under_discs_is_its_mean() {
+        let inside =
+            |u: usize, v: usize| (u % 100).abs_diff(50).pow(2) + (v % 100).abs_diff(50).pow(2) < 35_usize.pow(2);
+        let bright = ground(|u, v| 100 + noise(u, v) + if inside(u, v) { 3000 } else { 0 });
+        assert_eq!((bright.polarity, bright.surface.is_none()), (Polarity::Bright, true));
+        assert!((bright.level - 108.0).abs() < 0.3, "{}", bright.level);
+        assert!((bright.pixel_noise - 2.0).abs() < 0.3, "{}", bright.pixel_noise);
+        let dark = ground(|u, v| 3000 + noise(u, v) - if (u / 40 + v / 40) % 5 == 0 { 2500 } else { 0 });
+        assert_eq!((dark.polarity, dark.surface.is_none()), (Polarity::Dark, true));
+        assert!((dark.level - 3008.0).abs() < 0.3, "{}", dark.level);
+    }
+
+    #[test]
+    fn a_slope_is_a_surface() {
+        let ground = ground(|u, v| 1000 + u as u16 / 8 + noise(u, v));
+        assert!(ground.surface.is_some());
+    }
+
+    #[test]
+    fn a_constant_plane_is_even() {
+        let ground = ground(|_, _| 4095);
+        assert_eq!((ground.level, ground.surface.is_none()), (4095.0, true));
+        assert!(ground.pixel_noise < 0.5);
+    }
+}

@@ -1,0 +1,163 @@
+//! The contrast of a plane, read where it is asked for: features are positive whatever their polarity.
+
+use multiversion::multiversion;
+use twinpupil_instrument::PlaneView;
+
+use crate::background::Polarity;
+
+/// Where contrasts come from.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Light<'a> {
+    /// Codes, less an even level.
+    Codes {
+        /// The plane.
+        plane: PlaneView<'a>,
+        /// Level of the ground, codes.
+        level: f32,
+        /// Which side of it features lie on.
+        polarity: Polarity,
+    },
+    /// Contrasts that were computed for every pixel, row by row.
+    Field {
+        /// Columns of the plane.
+        columns: usize,
+        /// Its contrasts.
+        contrasts: &'a [f32],
+    },
+}
+
+/// Pixels that are looked at together: one for each bit of a mask.
+pub(crate) const BLOCK: usize = 16;
+
+impl Light<'_> {
+    /// Columns of the plane.
+    pub(crate) fn columns(&self) -> usize {
+        match self {
+            Self::Codes { plane, .. } => plane.columns,
+            Self::Field { columns, .. } => *columns,
+        }
+    }
+
+    /// Rows of the plane.
+    pub(crate) fn rows(&self) -> usize {
+        match self {
+            Self::Codes { plane, .. } => plane.rows,
+            Self::Field { columns, contrasts } => contrasts.len() / columns,
+        }
+    }
+
+    /// Reads as many contrasts of a row as `contrasts` holds, from column `first` on.
+    pub(crate) fn read(&self, row: usize, first: usize, contrasts: &mut [f32]) {
+        match self {
+            Self::Codes { plane, level, polarity } => {
+                let sign = if *polarity == Polarity::Bright { 1.0 } else { -1.0 };
+                let line = &plane.line(row)[first * plane.step_px..];
+                read_codes(line, plane.step_px, sign, -sign * level, contrasts);
+            }
+            Self::Field { columns, contrasts: field } => {
+                let start = row * columns + first;
+                contrasts.copy_from_slice(&field[start..start + contrasts.len()]);
+            }
+        }
+    }
+
+    /// The contrast of one pixel.
+    pub(crate) fn at(&self, column: usize, row: usize) -> f32 {
+        match self {
+            Self::Codes { plane, level, polarity } => {
+                let away = f32::from(plane.code(column, row)) - level;
+                if *polarity == Polarity::Bright { away } else { -away }
+            }
+            Self::Field { columns, contrasts } => contrasts[row * columns + column],
+        }
+    }
+
+    /// A row seen against a limit, codes of contrast.
+    pub(crate) fn against(&self, row: usize, limit: f32) -> RowAgainst<'_> {
+        match self {
+            Self::Codes { plane, level, polarity } => {
+                // Dark features are bright in the complement of the codes.
+                let (complement, limit) = match polarity {
+                    Polarity::Bright => (0, level + limit),
+                    Polarity::Dark => (u16::MAX, f32::from(u16::MAX) - level + limit),
+                };
+                let step = plane.step_px;
+                RowAgainst::Codes { line: plane.line(row), step, complement, limit: limit.floor() as u16 }
+            }
+            Self::Field { columns, contrasts } => {
+                RowAgainst::Field { line: &contrasts[row * columns..(row + 1) * columns], limit }
+            }
+        }
+    }
+}
+
+/// Reads every `step`-th code times a sign, and something added.
+#[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
+fn read_codes(line: &[u16], step: usize, sign: f32, added: f32, contrasts: &mut [f32]) {
+    let contrast = |code: u16| sign * f32::from(code) + added;
+    match step {
+        1 => contrasts.iter_mut().zip(line).for_each(|(value, code)| *value = contrast(*code)),
+        2 => {
+            let (pairs, rest) = line.as_chunks::<2>();
+            // A row of odd length ends in a pixel without a partner.
+            if let ([code], Some(last)) = (rest, contrasts.get_mut(pairs.len())) {
+                *last = contrast(*code);
+            }
+            contrasts.iter_mut().zip(pairs).for_each(|(value, pair)| *value = contrast(pair[0]));
+        }
+        _ => contrasts.iter_mut().zip(line.iter().step_by(step)).for_each(|(value, code)| *value = contrast(*code)),
+    }
+}
+
+/// A row whose pixels are asked whether they are above a limit.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum RowAgainst<'a> {
+    Codes { line: &'a [u16], step: usize, complement: u16, limit: u16 },
+    Field { line: &'a [f32], limit: f32 },
+}
+
+impl RowAgainst<'_> {
+    /// A mask for every block of the row, with a bit set for each pixel above the limit; beyond the row none is.
+    pub(crate) fn masks(&self, masks: &mut Vec<u16>) {
+        masks.clear();
+        match *self {
+            Self::Codes { line, step: 1, complement, limit } => masks_of_all(line, complement, limit, masks),
+            Self::Codes { line, step: 2, complement, limit } => masks_of_every_other(line, complement, limit, masks),
+            Self::Codes { line, step, complement, limit } => masks.extend(
+                line.chunks(step * BLOCK)
+                    .map(|block| mask(block.iter().step_by(step).map(|code| code ^ complement > limit))),
+            ),
+            Self::Field { line, limit } => masks_of_field(line, limit, masks),
+        }
+    }
+}
+
+#[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
+fn masks_of_all(line: &[u16], complement: u16, limit: u16, masks: &mut Vec<u16>) {
+    let (blocks, rest) = line.as_chunks::<BLOCK>();
+    masks.extend(blocks.iter().map(|block| mask(block.iter().map(|code| code ^ complement > limit))));
+    masks.push(mask(rest.iter().map(|code| code ^ complement > limit)));
+}
+
+#[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
+fn masks_of_every_other(line: &[u16], complement: u16, limit: u16, masks: &mut Vec<u16>) {
+    let (blocks, rest) = line.as_chunks::<{ 2 * BLOCK }>();
+    masks.extend(blocks.iter().map(|block| {
+        let pairs = block.as_chunks::<2>().0;
+        mask(pairs.iter().map(|pair| pair[0] ^ complement > limit))
+    }));
+    masks.push(mask(rest.iter().step_by(2).map(|code| code ^ complement > limit)));
+}
+
+#[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
+fn masks_of_field(line: &[f32], limit: f32, masks: &mut Vec<u16>) {
+    let (blocks, rest) = line.as_chunks::<BLOCK>();
+    masks.extend(blocks.iter().map(|block| mask(block.iter().map(|value| *value > limit))));
+    masks.push(mask(rest.iter().map(|value| *value > limit)));
+}
+
+/// One bit for each of up to 16 answers.
+#[inline(always)]
+fn mask(above: impl Iterator<Item = bool>) -> u16 {
+    above.enumerate().fold(0, |mask, (k, above)| mask | if above { 1 << k } else { 0 })
+}

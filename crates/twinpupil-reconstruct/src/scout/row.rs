@@ -1,0 +1,174 @@
+//! What is asked of the contrasts along a run.
+
+use multiversion::multiversion;
+
+use crate::scout::light::RowAgainst;
+use crate::scout::run::runs_of_row;
+
+/// Contrasts of neighbouring pixels of a row, from a column on.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct RowLight<'a> {
+    pub(crate) contrasts: &'a [f32],
+    pub(crate) first: u32,
+}
+
+impl RowLight<'_> {
+    /// Calls `found` with the first column, the column behind the last, and the highest pair of every run above a level.
+    pub(crate) fn runs_above(&self, level: f32, masks: &mut Vec<u16>, mut found: impl FnMut(u32, u32, f32)) {
+        let Self { contrasts, first } = *self;
+        let mut add = |start: usize, end: usize| {
+            found(first + start as u32, first + end as u32, highest_pair(&contrasts[start..end]));
+        };
+        // Most runs stay one, with less on both sides.
+        let Some(start) = contrasts.iter().position(|contrast| *contrast > level) else { return };
+        let end = contrasts.iter().rposition(|contrast| *contrast > level).map_or(start, |last| last + 1);
+        let inside = &contrasts[start..end];
+        if count_above(inside, level) as usize == inside.len() {
+            add(start, end);
+        } else {
+            let against = RowAgainst::Field { line: inside, limit: level };
+            runs_of_row(against, masks, |a, b| add(start + a, start + b));
+        }
+    }
+}
+
+/// Number of pixels above a level.
+#[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
+pub(crate) fn count_above(contrasts: &[f32], level: f32) -> u32 {
+    contrasts.iter().fold(0, |count, contrast| count + u32::from(*contrast > level))
+}
+
+/// The highest contrast that two neighbouring pixels both reach; 0 of a single pixel.
+#[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
+pub(crate) fn highest_pair(contrasts: &[f32]) -> f32 {
+    const LANES: usize = 8;
+    let Some(next) = contrasts.get(1..) else { return 0.0 };
+    let lower = |a: f32, b: f32| if a < b { a } else { b };
+    let higher = |a: f32, b: f32| if a > b { a } else { b };
+    let mut lanes = [0.0_f32; LANES];
+    let (blocks, next_blocks) = (contrasts[..next.len()].as_chunks::<LANES>(), next.as_chunks::<LANES>());
+    for (a, b) in blocks.0.iter().zip(next_blocks.0) {
+        for lane in 0..LANES {
+            lanes[lane] = higher(lanes[lane], lower(a[lane], b[lane]));
+        }
+    }
+    let rest = blocks.1.iter().zip(next_blocks.1).fold(0.0, |peak, (a, b)| higher(peak, lower(*a, *b)));
+    lanes.iter().fold(rest, |peak, lane| higher(peak, *lane))
+}
+
+/// Pixels that are summed side by side.
+pub(crate) const LANES: usize = 8;
+
+/// Moments of light, summed row by row and in lanes, so that nothing is added up before the end.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Moments {
+    light: [f64; LANES],
+    squares: [f64; LANES],
+    /// First moments along and across the rows.
+    along: [f64; LANES],
+    across: [f64; LANES],
+    /// Second moments.
+    along2: [f64; LANES],
+    both: [f64; LANES],
+    across2: [f64; LANES],
+}
+
+/// [`Moments`] with their lanes added up.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Sums {
+    pub(crate) light: f64,
+    pub(crate) squares: f64,
+    /// First moments along and across the rows.
+    pub(crate) first: [f64; 2],
+    /// Second moments: along, both, across.
+    pub(crate) second: [f64; 3],
+}
+
+impl Moments {
+    /// Adds the pixels of a row whose first lies at `[x, y]`; what fills no lanes is padded with zeros.
+    pub(crate) fn add(&mut self, contrasts: &mut Vec<f32>, place: [f64; 2]) {
+        let padded = contrasts.len().next_multiple_of(LANES);
+        contrasts.resize(padded, 0.0);
+        add_row(self, contrasts, place);
+    }
+
+    pub(crate) fn sums(&self) -> Sums {
+        let total = |lanes: &[f64; LANES]| lanes.iter().sum();
+        Sums {
+            light: total(&self.light),
+            squares: total(&self.squares),
+            first: [total(&self.along), total(&self.across)],
+            second: [total(&self.along2), total(&self.both), total(&self.across2)],
+        }
+    }
+}
+
+#[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
+fn add_row(moments: &mut Moments, contrasts: &[f32], [x, y]: [f64; 2]) {
+    let (mut light, mut squares) = ([0.0_f32; LANES], [0.0_f32; LANES]);
+    let (mut along, mut along2) = ([0.0_f32; LANES], [0.0_f32; LANES]);
+    let mut places: [f32; LANES] = std::array::from_fn(|lane| x as f32 + lane as f32);
+    for values in contrasts.as_chunks::<LANES>().0 {
+        for lane in 0..LANES {
+            let weighted = places[lane] * values[lane];
+            light[lane] += values[lane];
+            squares[lane] += values[lane] * values[lane];
+            along[lane] += weighted;
+            along2[lane] += places[lane] * weighted;
+            places[lane] += LANES as f32;
+        }
+    }
+    for lane in 0..LANES {
+        let (light, along) = (f64::from(light[lane]), f64::from(along[lane]));
+        moments.light[lane] += light;
+        moments.squares[lane] += f64::from(squares[lane]);
+        moments.along[lane] += along;
+        moments.along2[lane] += f64::from(along2[lane]);
+        moments.across[lane] += y * light;
+        moments.both[lane] += y * along;
+        moments.across2[lane] += y * y * light;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn moments_are_those_of_a_plain_loop() {
+        let mut moments = Moments::default();
+        let (mut light, mut first, mut second, mut squares) = (0.0, [0.0; 2], [0.0; 3], 0.0);
+        for (y, length) in [(-1.0, 1_usize), (0.5, 7), (2.0, 8), (3.0, 21)] {
+            let mut line: Vec<f32> = (0..length).map(|k| (k * 7 % 5) as f32).collect();
+            for (k, value) in line.iter().map(|value| f64::from(*value)).enumerate() {
+                let x = k as f64 - 2.25;
+                light += value;
+                squares += value * value;
+                first = [first[0] + x * value, first[1] + y * value];
+                second = [second[0] + x * x * value, second[1] + x * y * value, second[2] + y * y * value];
+            }
+            moments.add(&mut line, [-2.25, y]);
+        }
+        assert_eq!(moments.sums(), Sums { light, squares, first, second });
+    }
+
+    #[test]
+    fn a_single_bright_pixel_is_no_peak() {
+        for length in [0, 1, 2, 9, 30] {
+            let mut line = vec![5.0; length];
+            if let Some(middle) = line.get_mut(length / 2) {
+                *middle = 4000.0;
+            }
+            assert_eq!(highest_pair(&line), if length > 1 { 5.0 } else { 0.0 }, "{length}");
+        }
+    }
+
+    #[test]
+    fn a_run_falls_apart_where_it_is_low() {
+        let contrasts = [1.0, 5.0, 6.0, 1.0, 7.0, 8.0, 2.0];
+        let mut runs = Vec::new();
+        RowLight { contrasts: &contrasts, first: 10 }
+            .runs_above(3.0, &mut Vec::new(), |a, b, peak| runs.push((a, b, peak)));
+        assert_eq!(runs, [(11, 13, 5.0), (14, 16, 7.0)]);
+    }
+}
