@@ -80,7 +80,7 @@ const PATIENCE: usize = 6;
 
 /// After a step this small, in standard deviations, a dot is so near its place that pixels which do not fit at all are
 /// not its own.
-const NEAR_SIGMAS: f64 = 100.0;
+const NEAR_SIGMAS: f64 = 20.0;
 
 /// After a step this small, and with so much χ² a pixel, a dot is where its surface is.
 const SETTLED_SIGMAS: f64 = 30.0;
@@ -100,7 +100,7 @@ impl Body {
 
     /// Whether it is near enough to its place that pixels which do not fit are not its own.
     pub(crate) fn is_near(&self) -> bool {
-        self.rounds > 0 && self.step_sigmas < NEAR_SIGMAS || self.rounds > PATIENCE
+        self.rounds > 1 && self.step_sigmas < NEAR_SIGMAS || self.rounds > PATIENCE
     }
 
     /// Whether it has come to where its pixels are explained.

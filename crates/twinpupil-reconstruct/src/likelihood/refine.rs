@@ -72,7 +72,10 @@ const SLOPE_SIGMAS: f64 = 20.0;
 const SWEEPS: usize = 16;
 
 /// Rounds before which the slopes of surfaces are found: from the first positions, and when they are settled again.
-const SLOPE_ROUNDS: [usize; 4] = [0, 1, 2, 4];
+const SLOPE_ROUNDS: [usize; 5] = [0, 1, 2, 3, 5];
+
+/// From this round on only dots that have settled tell the slope of their neighbours' surface.
+const SETTLED_ROUND: usize = 3;
 
 impl ForwardModel {
     /// The model of the bands of an instrument with these indices.
@@ -114,7 +117,7 @@ impl ForwardModel {
         let mut joint = Joint { bands: &views, bodies };
         for round in 0..SWEEPS {
             if SLOPE_ROUNDS.contains(&round) {
-                set_slopes(&mut joint.bodies, seeds, round == 0);
+                set_slopes(&mut joint.bodies, seeds, round < SETTLED_ROUND);
             }
             joint.meet_neighbours(workspace);
             joint.sweep(workspace);
@@ -147,14 +150,13 @@ fn body(seed: &Seed, views: &[BandView<'_>], background: &[f64]) -> Body {
     }
 }
 
-/// Gives every placed dot the slopes of the surface that its neighbours show; after the first round, only neighbours
-/// that have settled count.
-fn set_slopes(bodies: &mut [Body], seeds: &[Seed], first: bool) {
+/// Gives every placed dot the slopes of the surface that its neighbours show: all of them, or those that have settled.
+fn set_slopes(bodies: &mut [Body], seeds: &[Seed], all: bool) {
     let places = |bodies: &[Body], all: bool| -> Vec<[f64; 3]> {
         let counts = |(body, seed): &(&Body, &Seed)| seed.placed && body.alive && (all || body.is_settled());
         bodies.iter().zip(seeds).filter(counts).map(|(body, _)| body.dot.centre_mm).collect()
     };
-    let mut slopes = local_slopes(&places(bodies, first), &places(bodies, true)).into_iter();
+    let mut slopes = local_slopes(&places(bodies, all), &places(bodies, true)).into_iter();
     for (body, _) in bodies.iter_mut().zip(seeds).filter(|(body, seed)| seed.placed && body.alive) {
         let before = body.dot.slopes;
         body.dot.slopes = slopes.next().flatten().unwrap_or(before);
@@ -162,10 +164,9 @@ fn set_slopes(bodies: &mut [Body], seeds: &[Seed], first: bool) {
         if (0..2).any(|axis| (before[axis] - body.dot.slopes[axis]).abs() > SLOPE_FELT) {
             body.step_sigmas = body.step_sigmas.max(SLOPE_SIGMAS);
         }
-        // At first it is taken to face the camera, with the area of its foreshortened image.
-        if first {
-            body.dot.diameter_mm *= (1.0 + body.dot.slopes[0].powi(2) + body.dot.slopes[1].powi(2)).powf(0.25);
-        }
+        // The area of its foreshortened image is what is known of its size.
+        let stretch = |[sx, sy]: [f64; 2]| 1.0 + sx * sx + sy * sy;
+        body.dot.diameter_mm *= (stretch(body.dot.slopes) / stretch(before)).powf(0.25);
     }
 }
 
