@@ -30,17 +30,20 @@ pub struct Projection {
 
 impl Projection {
     /// Image size over object size at distance z: `r_R / r` or `r_B / r`  [Ohno2018, Eqs. 5, 6].
+    #[inline]
     pub fn magnification(&self, z_mm: f64) -> f64 {
         let (l, d) = (self.sensor_distance_mm, self.pupil_position_mm);
         (l - d * self.spread(z_mm) / self.cone(z_mm)) / z_mm
     }
 
     /// Upright image position of the object point (x, y, z), in mm from the axis.
+    #[inline]
     pub fn image(&self, object_mm: [f64; 3]) -> ImagePoint {
         self.image_and_magnification(object_mm).0
     }
 
     /// [`Self::image`] and the [`Self::magnification`] that goes with it.
+    #[inline]
     pub fn image_and_magnification(&self, object_mm: [f64; 3]) -> (ImagePoint, f64) {
         let [x_mm, y_mm, z_mm] = object_mm;
         // A pupil that is off the axis moves the chief ray, and with it every image that is out of focus.
@@ -70,12 +73,14 @@ impl Projection {
     }
 
     /// Width at the pupil's plane of the light from a point at z, relative to its width at the lens.
+    #[inline]
     fn cone(&self, z_mm: f64) -> f64 {
         let d = self.pupil_position_mm;
         if d >= 0.0 { d / z_mm + 1.0 - d / self.focal_length_mm } else { 1.0 + d / z_mm }
     }
 
     /// Width at the sensor of the light from a point at z, relative to its width at the lens, `1 − L/z'`.
+    #[inline]
     fn spread(&self, z_mm: f64) -> f64 {
         1.0 - self.sensor_distance_mm * (1.0 / self.focal_length_mm - 1.0 / z_mm)
     }

@@ -28,6 +28,7 @@ impl Grid {
     }
 
     /// Cell and fraction within it; positions outside belong to the nearest cell, at its nearest edge.
+    #[inline]
     fn locate(&self, position: f64) -> (usize, f64) {
         let last = (self.count - 1) as f64;
         let index = ((position - self.start) / self.step).clamp(0.0, last);
@@ -88,6 +89,7 @@ impl ResponseTable {
     }
 
     /// The nodes about (r, z) and their weights.
+    #[inline]
     fn corners(&self, band: usize, r_mm: f64, z_mm: f64) -> [(&PointResponse, f64); 4] {
         let ((i, fr), (k, fz)) = (self.r_mm.locate(r_mm), self.z_mm.locate(z_mm));
         let start = k * self.r_mm.count + i;
@@ -115,6 +117,7 @@ impl ResponseTable {
     }
 
     /// The image of a band at (r, z) and its throughput: the first-order image moved along its own radius.
+    #[inline]
     pub fn image(&self, band: usize, r_mm: f64, z_mm: f64, first_order: ImagePoint) -> (ImagePoint, f64) {
         let (mut throughput, mut radial_deviation_mm) = (0.0, 0.0);
         for (node, weight) in self.corners(band, r_mm, z_mm) {

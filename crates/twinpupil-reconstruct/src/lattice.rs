@@ -126,7 +126,8 @@ impl Ellipse {
     }
 }
 
-/// Waves of the lattice that matter: those that are left out move the centroid by a fiftieth of what these do.
+/// Waves of the lattice that matter. They fall with |G|^(−3/2) and with both orders, so that the largest that is left
+/// out, [5, 0], is a fiftieth of the first.
 const WAVES: [[i32; 2]; 10] = [[1, 0], [0, 1], [1, 1], [1, -1], [3, 0], [0, 3], [3, 1], [3, -1], [1, 3], [1, -3]];
 
 /// Sine and cosine of an angle times −3, −1, 0, 1 or 3.

@@ -1,7 +1,5 @@
 //! Which telecentric feature and which entocentric feature are images of the same thing.
 
-use std::collections::HashMap;
-
 use twinpupil_instrument::{DepthRange, ImagePoint, PixelPoint, Sensor};
 
 use crate::assignment::{Edge, assign};
@@ -169,42 +167,85 @@ impl Candidate {
 
 /// Features by square cells of the frame, so that those about a line are found without looking at all.
 struct Cells {
-    cells: HashMap<(i64, i64), Vec<usize>>,
+    /// Cell of the first feature along u and v, and numbers of cells.
+    origin: [i64; 2],
+    counts: [usize; 2],
+    /// Features cell by cell; cell `k` has those from `starts[k]` to `starts[k + 1]`.
+    features: Vec<u32>,
+    starts: Vec<u32>,
 }
 
 const CELL_PX: f64 = 48.0;
 
+/// Cells along one side, at most: features that are strewn farther share the last one.
+const SIDE_MAX: usize = 2048;
+
 impl Cells {
     fn new(features: &[Feature]) -> Self {
-        let mut cells: HashMap<_, Vec<usize>> = HashMap::new();
-        for (index, feature) in features.iter().enumerate() {
-            cells.entry(Self::of(feature.centre.u, feature.centre.v)).or_default().push(index);
+        let cell = |feature: &Feature| [Self::of(feature.centre.u), Self::of(feature.centre.v)];
+        let (mut low, mut high) = ([i64::MAX; 2], [i64::MIN; 2]);
+        for [i, j] in features.iter().map(cell) {
+            (low, high) = ([low[0].min(i), low[1].min(j)], [high[0].max(i), high[1].max(j)]);
         }
-        Self { cells }
+        let count =
+            |axis: usize| (high[axis].saturating_sub(low[axis]).saturating_add(1)).clamp(0, SIDE_MAX as i64) as usize;
+        let mut cells =
+            Self { origin: low, counts: [count(0), count(1)], features: vec![0; features.len()], starts: Vec::new() };
+        cells.starts.resize(cells.counts[0] * cells.counts[1] + 1, 0);
+        let places: Vec<usize> = features.iter().map(|feature| cells.place(cell(feature))).collect();
+        for &place in &places {
+            cells.starts[place + 1] += 1;
+        }
+        for place in 1..cells.starts.len() {
+            cells.starts[place] += cells.starts[place - 1];
+        }
+        let mut next = cells.starts.clone();
+        for (index, place) in (0..).zip(places) {
+            cells.features[next[place] as usize] = index;
+            next[place] += 1;
+        }
+        cells
     }
 
-    fn of(u: f64, v: f64) -> (i64, i64) {
-        ((u / CELL_PX).floor() as i64, (v / CELL_PX).floor() as i64)
+    fn of(position_px: f64) -> i64 {
+        (position_px / CELL_PX).floor() as i64
     }
 
-    /// Features in the cells within a margin of a line, each once.
+    /// Index of a cell, or of the nearest one.
+    fn place(&self, cell: [i64; 2]) -> usize {
+        let [i, j] = [0, 1].map(|axis| self.inside(axis, cell[axis]));
+        j * self.counts[0] + i
+    }
+
+    fn inside(&self, axis: usize, cell: i64) -> usize {
+        cell.saturating_sub(self.origin[axis]).clamp(0, self.counts[axis] as i64 - 1) as usize
+    }
+
+    /// Features in the cells within a margin of a line, each once: row by row of cells, those between the columns where
+    /// the line enters and leaves the row.
     fn along(&self, line: &SearchLine, margin_px: f64) -> impl Iterator<Item = usize> {
-        const SPACING_PX: f64 = 0.25 * CELL_PX;
-        let (du, dv) = (line.far.u - line.near.u, line.far.v - line.near.v);
-        let steps = (du.hypot(dv) / SPACING_PX).ceil().clamp(1.0, 10_000.0) as usize;
-        // Every point of the line is within half a spacing of one that is looked at.
-        let reach_px = margin_px + 0.5 * SPACING_PX;
-        let mut keys: Vec<(i64, i64)> = (0..=steps)
-            .flat_map(|step| {
-                let t = step as f64 / steps as f64;
-                let (u, v) = (line.near.u + t * du, line.near.v + t * dv);
-                let (low, high) = (Self::of(u - reach_px, v - reach_px), Self::of(u + reach_px, v + reach_px));
-                (low.0..=high.0).flat_map(move |i| (low.1..=high.1).map(move |j| (i, j)))
-            })
-            .collect();
-        keys.sort_unstable();
-        keys.dedup();
-        keys.into_iter().filter_map(|key| self.cells.get(&key)).flatten().copied()
+        let (near, far) = (line.near, line.far);
+        let (top, bottom) = if near.v <= far.v { (near, far) } else { (far, near) };
+        let rows = match self.features.is_empty() {
+            true => 0..0,
+            false => self.inside(1, Self::of(top.v - margin_px))..self.inside(1, Self::of(bottom.v + margin_px)) + 1,
+        };
+        let u_at = move |v_px: f64| {
+            let share = (v_px - top.v) / (bottom.v - top.v).max(1e-9);
+            top.u + share.clamp(0.0, 1.0) * (bottom.u - top.u)
+        };
+        rows.flat_map(move |row| {
+            let v_px = (self.origin[1] + row as i64) as f64 * CELL_PX;
+            // The outer rows also hold what lies beyond them.
+            let from_px = if row == 0 { f64::NEG_INFINITY } else { v_px - margin_px };
+            let to_px = if row + 1 == self.counts[1] { f64::INFINITY } else { v_px + CELL_PX + margin_px };
+            let (a, b) = (u_at(from_px), u_at(to_px));
+            let first = self.inside(0, Self::of(a.min(b) - margin_px));
+            let last = self.inside(0, Self::of(a.max(b) + margin_px));
+            let start = row * self.counts[0];
+            let found = self.starts[start + first] as usize..self.starts[start + last + 1] as usize;
+            self.features[found].iter().map(|&index| index as usize)
+        })
     }
 }
 

@@ -271,10 +271,11 @@ mod tests {
         assert!(model.uneven[0].within(4.4, 0.5) && !model.uneven[0].within(4.6, 0.5));
         let everywhere =
             || Uneven { before: (0..model.uneven[0].before.len() as u32).collect(), ..model.uneven[0].clone() };
-        let always = Model { uneven: [everywhere(), everywhere()], ..model.clone() };
+        let always = Model { uneven: vec![everywhere(), everywhere()], ..model.clone() };
         let disc = Disc { diameter_mm: 1.0, slopes: [1.0, 0.3] };
         let object_mm = [5.2, 1.0, 290.0];
-        for (few, many) in model.images(object_mm, &disc).into_iter().zip(always.images(object_mm, &disc)) {
+        for band in [0, 1] {
+            let [few, many] = [&model, &always].map(|model| model.image(band, object_mm, &disc));
             assert!((few.x_mm - many.x_mm).hypot(few.y_mm - many.y_mm) < 1e-6, "{few:?} {many:?}");
         }
     }

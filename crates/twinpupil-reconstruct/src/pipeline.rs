@@ -29,10 +29,10 @@ pub enum Mode {
     /// [Ohno2018, Eqs. 9–13] to the letter: mean radius and azimuth, the data sheet's f and L.
     Paper,
     /// Cartesian centroids, and positions by inverting the instrument's forward model.
-    #[default]
     Centroid,
     /// The dots whose modelled light, through the masks, out of focus and on their neighbours, is the most likely one
     /// given every pixel.
+    #[default]
     Model,
 }
 
@@ -323,7 +323,7 @@ impl Reconstructor {
 
     /// Pairs the features of the two bands, finds what the others show of the pairs, and places them: what
     /// [`Reconstructor::frame`] does once it has detected. The telecentric and the entocentric band come first.
-    fn points_from(&self, detections: &[Detection]) -> Reconstruction {
+    pub fn points_from(&self, detections: &[Detection]) -> Reconstruction {
         let (groups, points) = self.placed(detections);
         self.account(detections, &groups, points)
     }

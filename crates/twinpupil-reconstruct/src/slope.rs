@@ -38,13 +38,13 @@ fn nearest(by_x: &[[f64; 3]], [x0_mm, y0_mm, _]: [f64; 3], found: &mut Vec<(f64,
             (_, Some(_)) => right,
             (None, None) => break,
         };
-        if found.len() >= NEIGHBOURS && ahead(side) > found[NEIGHBOURS - 1].0 {
+        if found.len() >= NEIGHBOURS && ahead(side).powi(2) > found[NEIGHBOURS - 1].0 {
             break;
         }
-        let distance_mm = (by_x[side][0] - x0_mm).hypot(by_x[side][1] - y0_mm);
-        let rank = found.partition_point(|(other_mm, _)| *other_mm <= distance_mm);
+        let distance_mm2 = (by_x[side][0] - x0_mm).powi(2) + (by_x[side][1] - y0_mm).powi(2);
+        let rank = found.partition_point(|(other_mm2, _)| *other_mm2 <= distance_mm2);
         if rank < NEIGHBOURS {
-            found.insert(rank, (distance_mm, side));
+            found.insert(rank, (distance_mm2, side));
             found.truncate(NEIGHBOURS);
         }
         if side == right { right += 1 } else { left = side.checked_sub(1) }

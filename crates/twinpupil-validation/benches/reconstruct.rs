@@ -58,7 +58,7 @@ fn frames(criterion: &mut Criterion) {
         let [telecentric, entocentric] = [Role::Telecentric, Role::Entocentric]
             .map(|role| reconstructor.detect(&frame, role).expect("a frame of this camera"));
         group.bench_function(format!("pair and place, {name}"), |bencher| {
-            bencher.iter(|| reconstructor.points_from(telecentric.clone(), entocentric.clone()));
+            bencher.iter(|| reconstructor.points_from(&[telecentric.clone(), entocentric.clone()]));
         });
     }
     group.finish();

@@ -38,7 +38,7 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     rejected: Option<PathBuf>,
     /// How points are computed
-    #[arg(long, value_enum, default_value_t = ModeOption::Centroid)]
+    #[arg(long, value_enum, default_value_t = ModeOption::Model)]
     mode: ModeOption,
     /// Whether features are bright or dark
     #[arg(long, value_enum, default_value_t = PolarityOption::Auto)]

@@ -51,7 +51,7 @@ impl Rig {
     /// Reads a frame of this camera. The paper's equations take f and L from the data sheet; the default inverts the
     /// response of the lens that took the frame.
     pub fn reconstruct(&self, frame: &Frame, mode: Mode) -> Result<Reconstruction> {
-        let table = (mode == Mode::Centroid).then(|| self.table.clone());
+        let table = (mode != Mode::Paper).then(|| self.table.clone());
         let reconstructor = Reconstructor::new(self.instrument.clone(), table, Options { mode, ..Options::default() });
         Ok(reconstructor.frame(frame)?)
     }

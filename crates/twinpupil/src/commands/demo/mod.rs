@@ -119,7 +119,7 @@ fn expose(rig: &Rig, seed: u64, console: &Console) -> Result<Vec<Exposed>> {
     let bar = console.progress(shots.len() as u64, "simulating and reconstructing");
     let exposed = shots.into_iter().map(|shot| {
         let frame = rig.expose(&shot)?;
-        let reconstruction = rig.reconstruct(&frame, Mode::Centroid)?;
+        let reconstruction = rig.reconstruct(&frame, Mode::Model)?;
         let model = Reading::new(Case::ThinModel, &shot, &reconstruction.points, rig.whole_dots(&shot.scene));
         let readings = [rig.read(&shot, &frame, Case::ThinPaper)?, model];
         bar.inc(1);
