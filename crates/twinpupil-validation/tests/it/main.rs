@@ -3,5 +3,6 @@
 mod accuracy;
 mod carriers;
 mod damaged;
+mod limit;
 mod published;
 mod real_disks;
