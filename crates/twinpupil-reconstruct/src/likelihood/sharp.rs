@@ -8,9 +8,9 @@ use crate::likelihood::light::{EdgeView, Light, Local, Places};
 /// whose weight is the length of the disc's chords.
 const LINES: usize = 8;
 const LINE_POSITIONS: [f32; LINES] =
-    [0.939692621, 0.766044443, 0.500000000, 0.173648178, -0.173648178, -0.500000000, -0.766044443, -0.939692621];
+    [0.939_692_6, 0.766_044_44, 0.5, 0.173_648_18, -0.173_648_18, -0.5, -0.766_044_44, -0.939_692_6];
 const LINE_SHARES: [f32; LINES] =
-    [0.025995062, 0.091816869, 0.166666667, 0.215521402, 0.215521402, 0.166666667, 0.091816869, 0.025995062];
+    [0.025_995_063, 0.091_816_87, 0.166_666_67, 0.215_521_4, 0.215_521_4, 0.166_666_67, 0.091_816_87, 0.025_995_063];
 
 /// Fills light and derivatives wherever the blur is below `blur_px_max`; other places stay as they are.
 ///
