@@ -308,8 +308,20 @@ impl Joint<'_> {
             workspace.neighbours[index * self.bands.len() + band] = neighbours;
             information -= light.jacobian.transpose() * without_light(light, &lost) * light.jacobian;
         }
-        information.try_inverse().filter(|covariance| covariance.diagonal().iter().all(|variance| *variance > 0.0))
+        positive_inverse(information).or_else(|| {
+            // So many share its light that each by itself takes too much: they tell as little as they can.
+            let (alone, _) = body.equations();
+            positive_inverse(alone).map(|covariance| covariance * SHARED_BY_MANY)
+        })
     }
+}
+
+/// Growth of the variances of a dot of whose own light the neighbours leave too little to say how much.
+const SHARED_BY_MANY: f64 = 4.0;
+
+/// Inverse of an information matrix, if it can be one.
+fn positive_inverse(information: Matrix4<f64>) -> Option<Matrix4<f64>> {
+    information.try_inverse().filter(|covariance| covariance.diagonal().iter().all(|variance| *variance > 0.0))
 }
 
 impl Near {
