@@ -6,14 +6,11 @@ use twinpupil_instrument::{Instrument, Lens, Mosaic, paper};
 use twinpupil_reconstruct::{FitPoint, LineAxis, Mode, fit_line};
 use twinpupil_simulate::{Scene, SceneSpec, dot_bounds};
 
-use crate::plates::Pose;
+use crate::plates::{Pose, is_near, rms};
 use crate::rig::{Rig, nearest};
 
 /// Rays for every pixel of the frames and of their bounds.
 const PUPIL_SAMPLES: usize = 256;
-
-/// Points farther from every dot than this, across the axis in mm or in depth in mm, are false.
-const FALSE_MM: [f64; 2] = [0.3, 5.0];
 
 /// A camera of which the noise limit is known.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -170,14 +167,4 @@ pub fn plate(pose: Pose, brightness_e: f64, seed: u64) -> Scene {
 /// A rig that reads frames of a camera by its forward model.
 pub fn model_rig(camera: Camera) -> Rig {
     Rig::new(camera.instrument(), Mode::Model)
-}
-
-fn is_near(position_mm: [f64; 3], centre_mm: [f64; 3]) -> bool {
-    let across_mm = (position_mm[0] - centre_mm[0]).hypot(position_mm[1] - centre_mm[1]);
-    across_mm < FALSE_MM[0] && (position_mm[2] - centre_mm[2]).abs() < FALSE_MM[1]
-}
-
-fn rms(values: impl ExactSizeIterator<Item = f64>) -> f64 {
-    let count = values.len().max(1) as f64;
-    (values.map(|value| value * value).sum::<f64>() / count).sqrt()
 }

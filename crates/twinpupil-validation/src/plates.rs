@@ -145,10 +145,13 @@ impl Score {
 }
 
 fn is_false(point: &Point, centres_mm: &[[f64; 3]]) -> bool {
-    let [x_mm, y_mm, z_mm] = point.position_mm;
-    !centres_mm.iter().any(|centre_mm| {
-        (x_mm - centre_mm[0]).hypot(y_mm - centre_mm[1]) < FALSE_MM[0] && (z_mm - centre_mm[2]).abs() < FALSE_MM[1]
-    })
+    !centres_mm.iter().any(|centre_mm| is_near(point.position_mm, *centre_mm))
+}
+
+/// Whether a point may be that of a dot.
+pub(crate) fn is_near(position_mm: [f64; 3], centre_mm: [f64; 3]) -> bool {
+    let across_mm = (position_mm[0] - centre_mm[0]).hypot(position_mm[1] - centre_mm[1]);
+    across_mm < FALSE_MM[0] && (position_mm[2] - centre_mm[2]).abs() < FALSE_MM[1]
 }
 
 /// Eq. 14 through all points with r ≥ 3.
@@ -161,7 +164,8 @@ fn tilt(points: &[Point]) -> Option<LineFit> {
     fit_line(&outer, LineAxis::X).ok()
 }
 
-fn rms(values: impl ExactSizeIterator<Item = f64>) -> f64 {
+/// Root mean square.
+pub(crate) fn rms(values: impl ExactSizeIterator<Item = f64>) -> f64 {
     let count = values.len().max(1) as f64;
     (values.map(|value| value * value).sum::<f64>() / count).sqrt()
 }
