@@ -29,6 +29,7 @@ mod position;
 mod register;
 mod rejection;
 mod relief;
+mod response;
 mod scout;
 mod shading;
 mod slope;

@@ -437,7 +437,7 @@ impl Reconstructor {
                 .iter()
                 .map(|placed| {
                     let Point { position_mm, diameter_mm, .. } = placed.as_ref()?.point;
-                    let image = self.model.image(band, position_mm, &Disc { diameter_mm, slopes: [0.0; 2] });
+                    let image = self.model.image(band, position_mm, &Disc { diameter_mm, slopes: [0.0; 2] }).image;
                     Some(self.instrument.sensor.pixel_from_image(image))
                 })
                 .collect();
