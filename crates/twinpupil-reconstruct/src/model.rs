@@ -119,17 +119,23 @@ impl Model {
         let r_mm = (centre_mm[0] * centre_mm[0] + centre_mm[1] * centre_mm[1]).sqrt();
         // Where the light changes evenly over the disc four points are as good as many.
         let uneven = response.is_some_and(|response| response.bends_within(r_mm, 0.5 * disc.diameter_mm));
-        let nodes: &'static [[f64; 2]] = if uneven { unit_disc() } else { &EVEN_NODES };
+        let nodes = if uneven { uneven_nodes() } else { &EVEN_NODES };
+        let at_distance = |z_mm: f64| (projection.chief(z_mm), response.map(|response| response.slice(z_mm)));
+        let (mut level, tilted) = (at_distance(centre_mm[2]), disc.slopes != [0.0; 2]);
         let mut mean = Mean::default();
-        for offset_mm in disc.places(nodes) {
+        for (offset_mm, share) in disc.places(nodes) {
             let [x_mm, y_mm, z_mm] = std::array::from_fn(|axis| centre_mm[axis] + offset_mm[axis]);
-            let chief = projection.chief(z_mm);
+            if tilted {
+                level = at_distance(z_mm);
+            }
+            let (chief, slice) = &level;
             let r_mm = (x_mm * x_mm + y_mm * y_mm).sqrt();
-            let local = response.map_or(Local::IDEAL, |response| response.at(r_mm, z_mm));
+            let local = slice.map_or(Local::IDEAL, |slice| slice.at(r_mm));
             let across = x_mm * disc.slopes[0] + y_mm * disc.slopes[1];
-            let stretch = chief.magnification * (chief.magnification + chief.magnification_slope * across);
-            let towards = if r_mm > 0.0 { [x_mm / r_mm, y_mm / r_mm] } else { [0.0; 2] };
-            mean.add(stretch, local, towards, point_image(projection, &chief, [x_mm, y_mm], towards, &local));
+            let area = share * chief.magnification * (chief.magnification + chief.magnification_slope * across);
+            let inverse = if r_mm > 0.0 { 1.0 / r_mm } else { 0.0 };
+            let towards = [x_mm * inverse, y_mm * inverse];
+            mean.add(area, local, towards, point_image(projection, chief, [x_mm, y_mm], towards, &local));
         }
         if mean.light > 0.0 {
             DiscImage { uneven, ..mean.settled() }
@@ -184,9 +190,9 @@ struct Mean {
 
 impl Mean {
     #[inline]
-    fn add(&mut self, stretch: f64, local: Local, towards: [f64; 2], (image, slopes): ([f64; 2], [[f64; 3]; 2])) {
-        let light = stretch * local.throughput;
-        let [by_r, by_z] = local.throughput_slopes.map(|slope| stretch * slope);
+    fn add(&mut self, area: f64, local: Local, towards: [f64; 2], (image, slopes): ([f64; 2], [[f64; 3]; 2])) {
+        let light = area * local.throughput;
+        let [by_r, by_z] = local.throughput_slopes.map(|slope| area * slope);
         let light_slopes = [by_r * towards[0], by_r * towards[1], by_z];
         self.light += light;
         for axis in 0..3 {
@@ -221,43 +227,46 @@ pub(crate) struct Disc {
     pub(crate) slopes: [f64; 2],
 }
 
-/// Rings and spokes of the quadrature over a disc, over equal areas.
-const RINGS: usize = 4;
-const SPOKES: usize = 12;
+/// A point that stands for a part of the unit disc, and that part's share of its area.
+type Node = ([f64; 2], f64);
 
 impl Disc {
     /// Points spread over the disc as `nodes` are over the unit disc, relative to its centre, mm. Their second moments
     /// are the disc's.
-    fn places(&self, nodes: &'static [[f64; 2]]) -> impl Iterator<Item = [f64; 3]> + use<> {
+    fn places(&self, nodes: &'static [Node]) -> impl Iterator<Item = ([f64; 3], f64)> + use<> {
         let [sx, sy] = self.slopes;
         // Two unit vectors in the surface: along the steepest slope, where the disc is foreshortened, and across it.
-        let steepest = sx.hypot(sy);
+        let steepest = (sx * sx + sy * sy).sqrt();
         let (ux, uy) = if steepest > 0.0 { (sx / steepest, sy / steepest) } else { (1.0, 0.0) };
-        let cos_tilt = 1.0 / 1.0_f64.hypot(steepest);
+        let cos_tilt = 1.0 / (1.0 + steepest * steepest).sqrt();
         let radius_mm = 0.5 * self.diameter_mm;
-        nodes.iter().map(move |[u, v]| {
+        nodes.iter().map(move |([u, v], share)| {
             let (along, across) = (radius_mm * u * cos_tilt, radius_mm * v);
-            [along * ux - across * uy, along * uy + across * ux, along * steepest]
+            ([along * ux - across * uy, along * uy + across * ux, along * steepest], *share)
         })
     }
 }
 
 /// Four points that stand for the unit disc: the mean over them is that over the disc of every cubic function.
-const EVEN_NODES: [[f64; 2]; 4] = {
+const EVEN_NODES: [Node; 4] = {
     let half = std::f64::consts::FRAC_1_SQRT_2;
-    [[half, 0.0], [0.0, half], [-half, 0.0], [0.0, -half]]
+    [([half, 0.0], 0.25), ([0.0, half], 0.25), ([-half, 0.0], 0.25), ([0.0, -half], 0.25)]
 };
 
-/// Points spread over the unit disc, each for an equal area.
-fn unit_disc() -> &'static [[f64; 2]] {
-    static NODES: OnceLock<Vec<[f64; 2]>> = OnceLock::new();
+/// Points for where the light changes unevenly: three rings, by Gauss and Legendre in the square of the radius.
+fn uneven_nodes() -> &'static [Node] {
+    const SPOKES: usize = 8;
+    static NODES: OnceLock<Vec<Node>> = OnceLock::new();
     NODES.get_or_init(|| {
-        let node = |ring: usize, spoke: usize| {
-            let radius = ((ring as f64 + 0.5) / RINGS as f64).sqrt();
-            let (sin, cos) = (std::f64::consts::TAU * (spoke as f64 + 0.5) / SPOKES as f64).sin_cos();
-            [radius * cos, radius * sin]
+        let off = 0.5 * 0.6_f64.sqrt();
+        let rings = [(0.5 - off, 5.0 / 18.0, 0.5), (0.5, 8.0 / 18.0, 0.0), (0.5 + off, 5.0 / 18.0, 0.5)];
+        let ring = |(radius2, share, turn): (f64, f64, f64)| {
+            (0..SPOKES).map(move |spoke| {
+                let (sin, cos) = (std::f64::consts::TAU * (spoke as f64 + turn) / SPOKES as f64).sin_cos();
+                ([radius2.sqrt() * cos, radius2.sqrt() * sin], share / SPOKES as f64)
+            })
         };
-        (0..RINGS).flat_map(|ring| (0..SPOKES).map(move |spoke| node(ring, spoke))).collect()
+        rings.into_iter().flat_map(ring).collect()
     })
 }
 

@@ -7,10 +7,22 @@ use twinpupil_instrument::{Grid, PointResponse, ResponseTable};
 pub(crate) struct Response {
     r_mm: Grid,
     z_mm: Grid,
+    /// Nodes a mm along both.
+    densities: [f64; 2],
     /// Throughput and radial deviation, mm, of every node; distances are slow, radii fast.
     nodes: Vec<[f64; 2]>,
     /// For every radius, how many before it are bent at some distance.
     bent_before: Vec<u32>,
+}
+
+/// The response at one distance, from the nodes before and behind it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Slice<'a> {
+    near: &'a [[f64; 2]],
+    far: &'a [[f64; 2]],
+    share: f64,
+    start_mm: f64,
+    densities: [f64; 2],
 }
 
 /// The response at one place.
@@ -41,23 +53,17 @@ impl Response {
         };
         let bent_before = (0..=table.r_mm.count).scan(0, count).collect();
         let nodes = nodes.iter().map(|node| [node.throughput, node.radial_deviation_mm]).collect();
-        Self { r_mm: table.r_mm, z_mm: table.z_mm, nodes, bent_before }
+        let densities = [1.0 / table.r_mm.step, 1.0 / table.z_mm.step];
+        Self { r_mm: table.r_mm, z_mm: table.z_mm, densities, nodes, bent_before }
     }
 
-    /// At (r, z), bilinear between nodes; outside it stays as it is at the edge.
+    /// At a distance; outside the table as at its edge.
     #[inline]
-    pub(crate) fn at(&self, r_mm: f64, z_mm: f64) -> Local {
-        let ((i, fr), (k, fz)) = (self.r_mm.locate(r_mm), self.z_mm.locate(z_mm));
-        let near = k * self.r_mm.count + i;
-        let far = near + self.r_mm.count;
-        let (near, far) = (&self.nodes[near..near + 2], &self.nodes[far..far + 2]);
-        let value = |k: usize| {
-            let [a, b] = [near[0][k] + fr * (near[1][k] - near[0][k]), far[0][k] + fr * (far[1][k] - far[0][k])];
-            let along = near[1][k] - near[0][k] + fz * (far[1][k] - far[0][k] - near[1][k] + near[0][k]);
-            (a + fz * (b - a), [along / self.r_mm.step, (b - a) / self.z_mm.step])
-        };
-        let ((throughput, throughput_slopes), (radial_deviation_mm, deviation_slopes)) = (value(0), value(1));
-        Local { throughput, radial_deviation_mm, throughput_slopes, deviation_slopes }
+    pub(crate) fn slice(&self, z_mm: f64) -> Slice<'_> {
+        let (k, share) = self.z_mm.locate(z_mm);
+        let near = k * self.r_mm.count;
+        let (near, far) = self.nodes[near..near + 2 * self.r_mm.count].split_at(self.r_mm.count);
+        Slice { near, far, share, start_mm: self.r_mm.start, densities: self.densities }
     }
 
     /// Whether the response bends with the distance from the axis within a reach of a place: where the masks and the
@@ -74,6 +80,26 @@ impl Response {
     #[cfg(test)]
     pub(crate) fn bend_everywhere(&mut self) {
         self.bent_before.iter_mut().zip(0..).for_each(|(before, radius)| *before = radius);
+    }
+}
+
+impl Slice<'_> {
+    /// At a radius, bilinear between nodes; outside the table as at its edge.
+    #[inline]
+    pub(crate) fn at(&self, r_mm: f64) -> Local {
+        let last = self.near.len() - 1;
+        let place = ((r_mm - self.start_mm) * self.densities[0]).clamp(0.0, last as f64);
+        let cell = (place as usize).min(last - 1);
+        let across = place - cell as f64;
+        let [a, b, c, d] = [self.near[cell], self.near[cell + 1], self.far[cell], self.far[cell + 1]];
+        let value = |k: usize| {
+            let (near, far) = (b[k] - a[k], d[k] - c[k]);
+            let (start, end) = (a[k] + across * near, c[k] + across * far);
+            let by_r = near + self.share * (far - near);
+            (start + self.share * (end - start), [by_r * self.densities[0], (end - start) * self.densities[1]])
+        };
+        let ((throughput, throughput_slopes), (radial_deviation_mm, deviation_slopes)) = (value(0), value(1));
+        Local { throughput, radial_deviation_mm, throughput_slopes, deviation_slopes }
     }
 }
 
@@ -111,7 +137,7 @@ mod tests {
         let table = ResponseTable { r_mm, z_mm, image_radius_mm: Grid::spanning(0.0, 2.0, 2), bands: vec![band] };
         let response = Response::of(&table, 0);
         for (r, z) in [(0.3, 110.0), (2.6, 171.0), (3.99, 199.0)] {
-            let (local, stated) = (response.at(r, z), table.at(0, r, z));
+            let (local, stated) = (response.slice(z).at(r), table.at(0, r, z));
             assert!((local.throughput - stated.throughput).abs() < 1e-12);
             assert!((local.radial_deviation_mm - stated.radial_deviation_mm).abs() < 1e-12);
             let along = |dr: f64, dz: f64| {
@@ -124,6 +150,6 @@ mod tests {
                 assert!((local.deviation_slopes[axis] - deviation).abs() < 1e-6, "{r} {z}");
             }
         }
-        assert_eq!(response.at(9.0, 300.0).throughput, table.at(0, 4.0, 200.0).throughput);
+        assert_eq!(response.slice(300.0).at(9.0).throughput, table.at(0, 4.0, 200.0).throughput);
     }
 }
