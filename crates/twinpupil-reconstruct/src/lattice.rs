@@ -5,10 +5,6 @@
 //! the feature's outline, so it is computed for an ellipse of the feature's own second moments and edge width, and
 //! taken off. (It is a control variate: whatever of the feature the ellipse does not describe stays in the centroid.)
 
-use crate::contrast::Contrast;
-use crate::noise::Noise;
-use crate::window::Windows;
-
 /// An evenly lit ellipse with an edge, in pixels of the plane.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Ellipse {
@@ -30,24 +26,6 @@ pub(crate) struct Shape {
     pub(crate) scatter: f64,
     /// Second moments, as cc, cr, rr.
     pub(crate) second: [f64; 3],
-}
-
-impl Shape {
-    /// Of a window whose light is shared, pixel by pixel.
-    pub(crate) fn of_shared_light(windows: &Windows<'_>, contrast: &Contrast, noise: &Noise, feature: usize) -> Self {
-        let [c0, r0] = windows.centres[feature];
-        let mut shape = Self::default();
-        windows.for_each_pixel(feature, |pixel| {
-            let (dc, dr) = (pixel.column - c0, pixel.row - r0);
-            shape.light += pixel.signal;
-            shape.squares += pixel.signal * pixel.signal;
-            shape.scatter += pixel.share * pixel.share * noise.variance(contrast.code(pixel.contrast));
-            shape.second[0] += dc * dc * pixel.signal;
-            shape.second[1] += dc * dr * pixel.signal;
-            shape.second[2] += dr * dr * pixel.signal;
-        });
-        shape
-    }
 }
 
 /// Moves a centroid by what the lattice does to it, to the centroid of the light between the pixels too.

@@ -37,7 +37,7 @@ impl Necks {
             let mut start = run.first;
             for same in basins.labels[place(run)..][..run.pixels() as usize].chunk_by(|a, b| a == b) {
                 let end = start + same.len() as u32;
-                parts.push(Run { first: start, end, ..*run });
+                parts.push(run.part(start, end));
                 numbers.push(same[0]);
                 start = end;
             }
@@ -87,7 +87,7 @@ mod tests {
             let mut first = 0;
             for same in line.chunk_by(|a, b| a == b) {
                 let end = first + same.len() as u32;
-                runs.extend(same[0].then_some(Run { row, first, end, peak: 1.0 }));
+                runs.extend(same[0].then_some(Run { row, first, end, at: 0, peak: 1.0 }));
                 first = end;
             }
         }
