@@ -82,9 +82,9 @@ impl Shared<'_> {
         let rounds = (SHARED_PIXELS_MAX / self.shared_pixels()).clamp(2.0, ROUNDS) as usize;
         for round in 0..rounds {
             restless.retain(|&feature| {
+                let next = self.settle(feature as usize, round < SETTLING, bench);
                 // What rests among neighbours that have hardly begun to move may be moved by them yet.
-                let settling = round < SETTLING;
-                self.settle(feature as usize, settling, bench).is_some_and(|step| settling || step > RESTING)
+                next.is_some_and(|next| round == 0 || next > RESTING)
             });
             if restless.is_empty() {
                 break;
@@ -98,7 +98,8 @@ impl Shared<'_> {
         }
     }
 
-    /// Moves one feature and says how far; `None` if it can move no more. While all is settling the window follows it.
+    /// Moves one feature and says how far it would move next; `None` if it can move no more. While all is settling the
+    /// window follows it.
     fn settle(&self, feature: usize, settling: bool, bench: &mut Bench) -> Option<f64> {
         const MOVED: f64 = 0.5;
         let size = [self.light.columns(), self.light.rows()];
@@ -114,7 +115,7 @@ impl Shared<'_> {
         }
         means[feature] = contents[feature].and_then(|content| self.own_mean(feature, &content, windows, lines));
         let (mut centre, shape) = means[feature]?;
-        let step = bench.lengthen(feature, &mut centre.position);
+        let next = bench.lengthen(feature, &mut centre.position);
         if self.has_strayed(feature, centre.position) {
             bench.windows[feature].centre = self.discs[feature].centre;
             bench.means[feature] = Some((self.outline_centre(feature), None));
@@ -122,7 +123,7 @@ impl Shared<'_> {
         }
         bench.windows[feature].centre = centre.position;
         bench.means[feature] = Some((centre, shape));
-        Some(step)
+        Some(next)
     }
 
     /// Centroid and shape of a feature's own light.
@@ -310,11 +311,13 @@ impl Bench {
         restless
     }
 
-    /// Lengthens a step to where steps like it and the one before lead, and says how long it was.
+    /// Lengthens a step to where steps like it and the one before lead, and says how long the next one would be.
     fn lengthen(&mut self, feature: usize, position: &mut [f64; 2]) -> f64 {
         const RATIO_MAX: f64 = 0.85;
         let before = self.windows[feature].centre;
         let steps = &mut self.steps[feature];
+        let length = |[a, b]: [f64; 2]| (a * a + b * b).sqrt();
+        let length_before = length(*steps);
         for axis in 0..2 {
             let step = position[axis] - before[axis];
             let ratio = step / steps[axis];
@@ -322,7 +325,8 @@ impl Bench {
             position[axis] = before[axis] + gain * step;
             steps[axis] = step;
         }
-        (steps[0] * steps[0] + steps[1] * steps[1]).sqrt()
+        let step = length(*steps);
+        if step < length_before { step * step / length_before } else { step }
     }
 }
 

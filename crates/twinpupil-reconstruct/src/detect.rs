@@ -235,7 +235,7 @@ fn find(
     let floor = |typical: f32, noise: f32| (0.5 * options.relative_contrast_min as f32 * typical).max(noise);
     let light = field.light();
     let mut typical = typical_height(&light, survey, significant, line);
-    let rows = if typical > 0.0 { median_run(&light, 0.5 * typical, masks) } else { 0 };
+    let rows = if typical > 0.0 { median_run(&light, survey, 0.5 * typical, masks) } else { 0 };
     let step = (rows / ROWS).clamp(1, STEP_MAX);
     // Few features may have been missed by the samples.
     if typical == 0.0 || typical >= clear {
@@ -262,13 +262,11 @@ fn typical_height(light: &Light<'_>, survey: &Survey, significant: f32, line: &m
     quantile(line, 0.9)
 }
 
-/// Median length of the runs of pixels above a level along some rows; 0 without any.
-fn median_run(light: &Light<'_>, level: f32, masks: &mut Vec<u16>) -> usize {
+/// Median length of the runs of pixels above a level along the rows of a survey; 0 without any.
+fn median_run(light: &Light<'_>, survey: &Survey, level: f32, masks: &mut Vec<u16>) -> usize {
     const LONGEST: usize = 64;
-    const ROWS: usize = 36;
     let (mut counts, mut runs) = ([0_usize; LONGEST + 1], 0);
-    let stride = light.rows().div_ceil(ROWS);
-    for row in (stride / 2..light.rows()).step_by(stride) {
+    for row in survey.rows() {
         runs_of_row(light.against(row, level), masks, |first, end| {
             counts[(end - first).min(LONGEST)] += 1;
             runs += 1;

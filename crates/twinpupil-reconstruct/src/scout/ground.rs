@@ -34,6 +34,10 @@ pub(crate) struct Survey {
 const TILES: [usize; 2] = [8, 5];
 const TILE_SAMPLES: usize = 8;
 
+/// Every so manieth row is looked at by any search, and planes of so many rows have enough of those.
+const SEARCHED: u32 = 12;
+const ROWS_TO_SHARE: usize = 480;
+
 /// Share of a tile that is surely ground on either side of the middle, however many features it holds.
 const GROUND_SHARE: f64 = 0.2;
 
@@ -105,6 +109,8 @@ impl Survey {
         let place = |cell: usize, turn: usize, cells: usize, pixels: usize| {
             (((cell << 16) + (turn & 0xffff)) * pixels / (cells << 16)) as u32
         };
+        // Rows that a search which leaves out rows looks at as well, so that few are read twice.
+        let shared = |row: u32| if self.size[1] >= ROWS_TO_SHARE { row / SEARCHED * SEARCHED } else { row };
         self.places.clear();
         for (j, i) in (0..TILES[1]).flat_map(|j| (0..TILES[0]).map(move |i| (j, i))) {
             for (r, c) in (0..TILE_SAMPLES).flat_map(|r| (0..TILE_SAMPLES).map(move |c| (r, c))) {
@@ -112,10 +118,18 @@ impl Survey {
                 let across = column * TURNS[0] + row * TURNS[1];
                 self.places.push([
                     place(column, across, TILES[0] * TILE_SAMPLES, self.size[0]),
-                    place(row, row * TURNS[0], TILES[1] * TILE_SAMPLES, self.size[1]),
+                    shared(place(row, row * TURNS[0], TILES[1] * TILE_SAMPLES, self.size[1])),
                 ]);
             }
         }
+    }
+
+    /// The rows of the samples, from top to bottom.
+    pub(crate) fn rows(&self) -> impl Iterator<Item = usize> {
+        let tile_rows = self.places.chunks_exact(TILE_SAMPLES * TILE_SAMPLES * TILES[0]);
+        tile_rows
+            .flat_map(|row| row[..TILE_SAMPLES * TILE_SAMPLES].iter().step_by(TILE_SAMPLES))
+            .map(|place| place[1] as usize)
     }
 
     /// Columns and rows of the samples.
