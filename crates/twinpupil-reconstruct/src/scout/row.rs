@@ -47,21 +47,22 @@ pub(crate) fn highest_pair(contrasts: &[f32]) -> f32 {
     lanes.iter().fold(rest, |peak, lane| higher(peak, *lane))
 }
 
-/// Pixels that are summed side by side.
-pub(crate) const LANES: usize = 8;
+/// Pixels that are summed side by side along a row, and sums that are kept from row to row.
+const LANES: usize = 8;
+const KEPT: usize = 4;
 
 /// Moments of light, summed row by row and in lanes, so that nothing is added up before the end.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Moments {
-    light: [f64; LANES],
-    squares: [f64; LANES],
+    light: [f64; KEPT],
+    squares: [f64; KEPT],
     /// First moments along and across the rows.
-    along: [f64; LANES],
-    across: [f64; LANES],
+    along: [f64; KEPT],
+    across: [f64; KEPT],
     /// Second moments.
-    along2: [f64; LANES],
-    both: [f64; LANES],
-    across2: [f64; LANES],
+    along2: [f64; KEPT],
+    both: [f64; KEPT],
+    across2: [f64; KEPT],
 }
 
 /// [`Moments`] with their lanes added up.
@@ -82,7 +83,7 @@ impl Moments {
     }
 
     pub(crate) fn sums(&self) -> Sums {
-        let total = |lanes: &[f64; LANES]| lanes.iter().sum();
+        let total = |lanes: &[f64; KEPT]| lanes.iter().sum();
         Sums {
             light: total(&self.light),
             squares: total(&self.squares),
@@ -112,12 +113,13 @@ fn add_row(moments: &mut Moments, contrasts: &[f32], [x, y]: [f64; 2]) {
             places[lane] += LANES as f32;
         }
     }
-    for lane in 0..LANES {
-        let (light, along) = (f64::from(light[lane]), f64::from(along[lane]));
+    for lane in 0..KEPT {
+        let folded = |lanes: &[f32; LANES]| f64::from(lanes[lane] + lanes[lane + KEPT]);
+        let (light, along) = (folded(&light), folded(&along));
         moments.light[lane] += light;
-        moments.squares[lane] += f64::from(squares[lane]);
+        moments.squares[lane] += folded(&squares);
         moments.along[lane] += along;
-        moments.along2[lane] += f64::from(along2[lane]);
+        moments.along2[lane] += folded(&along2);
         moments.across[lane] += y * light;
         moments.both[lane] += y * along;
         moments.across2[lane] += y * y * light;
