@@ -10,8 +10,7 @@ use twinpupil_instrument::{
 use crate::background::Polarity;
 use crate::detect::{DetectOptions, Detection, Detector, Estimator, Feature};
 use crate::further::{FurtherImage, Group, match_predicted};
-use crate::likelihood::joint::Workspace;
-use crate::likelihood::refine::{ForwardModel, Refined, Seed};
+use crate::likelihood::refine::{ForwardModel, Refined, Seed, Workspace};
 use crate::matching::{Match, MatchOptions, pair_up};
 use crate::model::{Disc, Model};
 use crate::noise::Noise;
@@ -20,7 +19,7 @@ use crate::position::{Position, Sighting, first_order_position_mm, gamma, model_
 use crate::register::{mapped_centre, onto_reference};
 use crate::rejection::{Rejection, RejectionReason};
 use crate::shading::Shading;
-use crate::slope::local_slopes;
+use crate::slope::{NEIGHBOURS, local_slopes};
 use crate::unmix::Crosstalk;
 
 /// How points are computed.
@@ -222,7 +221,8 @@ impl Reconstructor {
         let mut seeds: Vec<Seed> = points.iter().flatten().map(seed).collect();
         let placed = seeds.len();
         seeds.extend(self.lone_seeds(detections, &signs, groups, &points));
-        let refined = self.forward.refine(planes, &seeds, &background, &mut Workspace::default());
+        let mut refined = Vec::new();
+        self.forward.refine(planes, &seeds, &background, &mut Workspace::default(), &mut refined);
         for (point, refined) in points.iter_mut().filter(|point| point.is_some()).zip(refined.into_iter().take(placed))
         {
             if let (Some(point), Some(refined)) = (point, refined) {
@@ -411,7 +411,7 @@ impl Reconstructor {
         let rounds = if self.options.mode == Mode::Centroid { TILT_ROUNDS } else { 0 };
         for _ in 0..rounds {
             let known: Vec<[f64; 3]> = points.iter().flatten().map(|placed| placed.point.position_mm).collect();
-            let mut slopes = local_slopes(&known, &known).into_iter();
+            let mut slopes = local_slopes(&known, &known, NEIGHBOURS).into_iter();
             for (place, group) in points.iter_mut().zip(&groups) {
                 if let Some(before) = place {
                     let again = slopes.next().and_then(|slopes| point(group, Some(before), slopes.unwrap_or_default()));

@@ -3,7 +3,10 @@
 use nalgebra::{Matrix3, Vector3};
 
 /// Neighbours through which a plane is laid, the point itself included.
-const NEIGHBOURS: usize = 9;
+pub(crate) const NEIGHBOURS: usize = 9;
+
+/// The same where points are only roughly known.
+pub(crate) const NEIGHBOURS_ROUGH: usize = 25;
 
 /// A slope is believed if its deviation, from the scatter of the neighbours about their plane, is below this: what is
 /// then left of the error of a tilted disc is about the noise.
@@ -11,13 +14,13 @@ const SLOPE_STD_MAX: f64 = 0.1;
 
 /// Slopes dz/dx and dz/dy, at the places `at_mm`, of the surface that the `known_mm` points lie on; `None` where
 /// the nearest of them do not lie on a plane.
-pub(crate) fn local_slopes(known_mm: &[[f64; 3]], at_mm: &[[f64; 3]]) -> Vec<Option<[f64; 2]>> {
+pub(crate) fn local_slopes(known_mm: &[[f64; 3]], at_mm: &[[f64; 3]], count: usize) -> Vec<Option<[f64; 2]>> {
     let mut by_x = known_mm.to_vec();
     by_x.sort_by(|a, b| a[0].total_cmp(&b[0]));
-    let mut near = Vec::with_capacity(NEIGHBOURS + 1);
+    let mut near = Vec::with_capacity(count + 1);
     let slopes = |place_mm: &[f64; 3]| {
-        nearest(&by_x, *place_mm, &mut near);
-        let mut neighbours: [[f64; 3]; NEIGHBOURS] = Default::default();
+        nearest(&by_x, *place_mm, count, &mut near);
+        let mut neighbours = [[0.0; 3]; NEIGHBOURS_ROUGH];
         neighbours.iter_mut().zip(&near).for_each(|(neighbour, (_, index))| *neighbour = by_x[*index]);
         slopes_of(&mut neighbours[..near.len()], *place_mm)
     };
@@ -26,7 +29,7 @@ pub(crate) fn local_slopes(known_mm: &[[f64; 3]], at_mm: &[[f64; 3]]) -> Vec<Opt
 
 /// The nearest points to a place, of points in the order of x, searched outwards until none farther along x can be
 /// nearer.
-fn nearest(by_x: &[[f64; 3]], [x0_mm, y0_mm, _]: [f64; 3], found: &mut Vec<(f64, usize)>) {
+fn nearest(by_x: &[[f64; 3]], [x0_mm, y0_mm, _]: [f64; 3], count: usize, found: &mut Vec<(f64, usize)>) {
     found.clear();
     let start = by_x.partition_point(|point_mm| point_mm[0] < x0_mm);
     let (mut left, mut right) = (start.checked_sub(1), start);
@@ -38,28 +41,27 @@ fn nearest(by_x: &[[f64; 3]], [x0_mm, y0_mm, _]: [f64; 3], found: &mut Vec<(f64,
             (_, Some(_)) => right,
             (None, None) => break,
         };
-        if found.len() >= NEIGHBOURS && ahead(side).powi(2) > found[NEIGHBOURS - 1].0 {
+        if found.len() >= count && ahead(side).powi(2) > found[count - 1].0 {
             break;
         }
         let distance_mm2 = (by_x[side][0] - x0_mm).powi(2) + (by_x[side][1] - y0_mm).powi(2);
         let rank = found.partition_point(|(other_mm2, _)| *other_mm2 <= distance_mm2);
-        if rank < NEIGHBOURS {
+        if rank < count {
             found.insert(rank, (distance_mm2, side));
-            found.truncate(NEIGHBOURS);
+            found.truncate(count);
         }
         if side == right { right += 1 } else { left = side.checked_sub(1) }
     }
 }
 
-/// Slopes of the plane through the neighbours of a place, without the two that lie farthest off it.
+/// Slopes of the plane through the neighbours of a place, without those that lie farthest off it, two in nine.
 fn slopes_of(neighbours_mm: &mut [[f64; 3]], place_mm: [f64; 3]) -> Option<[f64; 2]> {
     const FEWEST: usize = 5;
-    const DROPPED: usize = 2;
     let first = Plane::through(neighbours_mm, place_mm)?;
     let off_mm = |point_mm: &[f64; 3]| first.off_mm(point_mm).abs();
     neighbours_mm.sort_by(|a, b| off_mm(a).total_cmp(&off_mm(b)));
     let kept_mm =
-        &neighbours_mm[..(neighbours_mm.len() - DROPPED.min(neighbours_mm.len())).max(FEWEST).min(neighbours_mm.len())];
+        &neighbours_mm[..(neighbours_mm.len() - neighbours_mm.len() / 4).max(FEWEST).min(neighbours_mm.len())];
     let plane = Plane::through(kept_mm, place_mm)?;
     let sure = kept_mm.len() >= FEWEST && plane.slope_std(kept_mm) < SLOPE_STD_MAX;
     sure.then_some(plane.slopes)
@@ -108,7 +110,7 @@ mod tests {
     use super::*;
 
     fn slopes_at(points_mm: &[[f64; 3]]) -> Vec<[f64; 2]> {
-        local_slopes(points_mm, points_mm).into_iter().map(Option::unwrap_or_default).collect()
+        local_slopes(points_mm, points_mm, NEIGHBOURS).into_iter().map(Option::unwrap_or_default).collect()
     }
 
     fn points(z_mm: impl Fn(f64, f64) -> f64) -> Vec<[f64; 3]> {

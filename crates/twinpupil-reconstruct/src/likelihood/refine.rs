@@ -1,15 +1,18 @@
 //! From first positions to the most likely ones.
 
 use nalgebra::{Matrix3, Matrix4};
+use smallvec::SmallVec;
 use twinpupil_instrument::{Instrument, PlaneView, ResponseTable};
 
 use crate::likelihood::black::Black;
-use crate::likelihood::body::{Body, OwnCentre};
-use crate::likelihood::joint::{BandView, Joint, Workspace};
+use crate::likelihood::body::{BandLight, Body, FitQuality, OwnCentre};
+use crate::likelihood::coupling::Coupling;
+use crate::likelihood::covariance::{Patch, covariance};
+use crate::likelihood::joint::{BandView, Buffers, Joint};
 use crate::likelihood::pencil::Pencil;
 use crate::likelihood::spot::{Dot, Page};
 use crate::noise::Noise;
-use crate::slope::local_slopes;
+use crate::slope::{NEIGHBOURS, NEIGHBOURS_ROUGH, local_slopes};
 
 /// An instrument's forward model, ready to be compared with pixels.
 #[derive(Debug, Clone)]
@@ -65,17 +68,28 @@ impl Refined {
 const LONE_Z_STD_MM: f64 = 30.0;
 
 /// A change of slope that moves a dot by some tenths of its deviation, and the step after which it is looked at again.
-const SLOPE_FELT: f64 = 0.003;
+const SLOPE_FELT: f64 = 0.0015;
 const SLOPE_SIGMAS: f64 = 20.0;
 
+/// A dot whose χ² a pixel is below the first, or below so many times that of the typical dot, is where its surface is.
+const SETTLED_CHI2: f64 = 2.5;
+const SETTLED_SHARE: f64 = 3.0;
+
 /// Rounds at most.
-const SWEEPS: usize = 16;
+const ROUNDS: usize = 16;
 
-/// Rounds before which the slopes of surfaces are found: from the first positions, and when they are settled again.
-const SLOPE_ROUNDS: [usize; 5] = [0, 1, 2, 3, 5];
+/// Buffers that are used again from frame to frame.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Workspace {
+    bodies: Vec<Body>,
+    buffers: Buffers,
+    patch: Patch,
+    blacks: Vec<Black>,
+}
 
-/// From this round on only dots that have settled tell the slope of their neighbours' surface.
-const SETTLED_ROUND: usize = 3;
+/// Rounds before which the slopes of surfaces are found; in the first of them positions are rough.
+const SLOPE_ROUNDS: usize = 7;
+const ROUGH_ROUNDS: usize = 3;
 
 impl ForwardModel {
     /// The model of the bands of an instrument with these indices.
@@ -100,32 +114,39 @@ impl ForwardModel {
         seeds: &[Seed],
         background: &[f64],
         workspace: &mut Workspace,
-    ) -> Vec<Option<Refined>> {
-        let aberrations: Vec<_> = self.bands.iter().map(|band| self.aberration_mm(band.index)).collect();
-        let views: Vec<BandView<'_>> = (self.bands.iter().zip(planes))
-            .zip(&aberrations)
-            .map(|((band, (plane, noise)), aberration_mm)| BandView {
+        refined: &mut Vec<Option<Refined>>,
+    ) {
+        let Workspace { bodies, buffers, patch, blacks } = workspace;
+        blacks.clear();
+        blacks.extend(planes.iter().map(|(_, noise)| Black::new(noise)));
+        let aberrations: SmallVec<[_; 2]> = self.bands.iter().map(|band| self.aberration_mm(band.index)).collect();
+        let views: SmallVec<[BandView<'_>; 2]> = (self.bands.iter().zip(planes))
+            .zip(aberrations.iter().zip(&*blacks))
+            .map(|((band, (plane, noise)), (aberration_mm, black))| BandView {
                 plane: *plane,
                 noise: *noise,
-                black: Black::new(noise),
+                black,
                 page: band.page,
                 pencil: &band.pencil,
                 aberration_mm,
             })
             .collect();
-        let bodies = seeds.iter().map(|seed| body(seed, &views, background)).collect();
-        let mut joint = Joint { bands: &views, bodies };
-        for round in 0..SWEEPS {
-            if SLOPE_ROUNDS.contains(&round) {
-                set_slopes(&mut joint.bodies, seeds, round < SETTLED_ROUND);
+        bodies.clear();
+        bodies.extend(seeds.iter().map(|seed| body(seed, &views, background)));
+        let mut joint = Joint { bands: &views, bodies, buffers };
+        joint.begin();
+        for round in 0..ROUNDS {
+            if round < SLOPE_ROUNDS {
+                set_slopes(joint.bodies, seeds, if round < ROUGH_ROUNDS { NEIGHBOURS_ROUGH } else { NEIGHBOURS });
+                joint.refresh_moving();
             }
-            joint.meet_neighbours(workspace);
-            joint.sweep(workspace);
+            joint.round();
             if joint.bodies.iter().all(Body::rests) {
                 break;
             }
         }
-        (0..seeds.len()).map(|index| refined(&joint, index, workspace)).collect()
+        refined.clear();
+        refined.extend((0..seeds.len()).map(|index| self::refined(joint.bodies, &joint.buffers.couplings, index, patch)));
     }
 
     fn aberration_mm(&self, band: usize) -> impl Fn(f64, f64) -> f64 + Sync + '_ {
@@ -135,34 +156,29 @@ impl ForwardModel {
 
 fn body(seed: &Seed, views: &[BandView<'_>], background: &[f64]) -> Body {
     let dot = Dot { centre_mm: seed.centre_mm, diameter_mm: seed.diameter_mm, slopes: [0.0; 2] };
+    let z_prior_mm = (!seed.placed).then_some((seed.centre_mm[2], LONE_Z_STD_MM));
+    let mut body = Body::new(dot, z_prior_mm, seed.doubtful);
     let lights = views.iter().zip(&seed.contrast).zip(background);
-    Body {
-        dot,
-        bands: lights.map(|((view, contrast), ground)| contrast.map(|c| view.light(&dot, c, *ground))).collect(),
-        z_prior_mm: (!seed.placed).then_some((seed.centre_mm[2], LONE_Z_STD_MM)),
-        information: Matrix4::zeros(),
-        step_sigmas: f64::INFINITY,
-        alive: true,
-        rounds: 0,
-        doubtful: seed.doubtful,
-        masked: false,
-        has_neighbours: false,
-    }
+    body.bands.extend(lights.map(|((view, contrast), ground)| {
+        contrast.map(|contrast| BandLight::new(contrast, *ground, view.spot(&dot)))
+    }));
+    body
 }
 
-/// Gives every placed dot the slopes of the surface that its neighbours show: all of them, or those that have settled.
-fn set_slopes(bodies: &mut [Body], seeds: &[Seed], all: bool) {
-    let places = |bodies: &[Body], all: bool| -> Vec<[f64; 3]> {
-        let counts = |(body, seed): &(&Body, &Seed)| seed.placed && body.alive && (all || body.is_settled());
-        bodies.iter().zip(seeds).filter(counts).map(|(body, _)| body.dot.centre_mm).collect()
-    };
-    let mut slopes = local_slopes(&places(bodies, all), &places(bodies, true)).into_iter();
+/// Gives every placed dot the slopes of the surface that its neighbours show, as far as they are where that surface is.
+fn set_slopes(bodies: &mut [Body], seeds: &[Seed], neighbours: usize) {
+    let settled_chi2 = SETTLED_CHI2.max(SETTLED_SHARE * median_chi2(bodies));
+    let is_settled = |body: &Body| body.rounds == 0 || body.explains(settled_chi2);
+    let placed = || bodies.iter().zip(seeds).filter(|(body, seed)| seed.placed && body.alive).map(|(body, _)| body);
+    let settled_mm: Vec<_> = placed().filter(|body| is_settled(body)).map(|body| body.dot.centre_mm).collect();
+    let all_mm: Vec<_> = placed().map(|body| body.dot.centre_mm).collect();
+    let mut slopes = local_slopes(&settled_mm, &all_mm, neighbours).into_iter();
     for (body, _) in bodies.iter_mut().zip(seeds).filter(|(body, seed)| seed.placed && body.alive) {
         let before = body.dot.slopes;
         body.dot.slopes = slopes.next().flatten().unwrap_or(before);
         // A dot that leans otherwise than it seemed is not where it seemed.
         if (0..2).any(|axis| (before[axis] - body.dot.slopes[axis]).abs() > SLOPE_FELT) {
-            body.step_sigmas = body.step_sigmas.max(SLOPE_SIGMAS);
+            body.moved_sigmas = body.moved_sigmas.max(SLOPE_SIGMAS);
         }
         // The area of its foreshortened image is what is known of its size.
         let stretch = |[sx, sy]: [f64; 2]| 1.0 + sx * sx + sy * sy;
@@ -170,15 +186,26 @@ fn set_slopes(bodies: &mut [Body], seeds: &[Seed], all: bool) {
     }
 }
 
-fn refined(joint: &Joint<'_>, index: usize, workspace: &mut Workspace) -> Option<Refined> {
-    let body = &joint.bodies[index];
+/// The typical dot's χ² a pixel.
+fn median_chi2(bodies: &[Body]) -> f64 {
+    let reduced = |body: &Body| body.quality.chi2 / body.quality.used.max(1) as f64;
+    let mut all: Vec<f64> = bodies.iter().filter(|body| body.alive && body.rounds > 0).map(reduced).collect();
+    if all.is_empty() {
+        return 0.0;
+    }
+    let middle = all.len() / 2;
+    *all.select_nth_unstable_by(middle, f64::total_cmp).1
+}
+
+fn refined(bodies: &[Body], couplings: &[Vec<Coupling>], index: usize, patch: &mut Patch) -> Option<Refined> {
+    let body = &bodies[index];
     if !body.alive {
         return None;
     }
-    let (used, masked_px, chi2) = body.fit_quality();
+    let FitQuality { used, masked: masked_px, chi2 } = body.quality;
     let unknowns = 4 + 2 * body.bands.iter().flatten().count();
     let reduced_chi2 = chi2 / used.saturating_sub(unknowns).max(1) as f64;
-    let covariance_mm2 = joint.covariance(index, workspace)? * reduced_chi2.max(1.0);
+    let covariance_mm2 = covariance(bodies, couplings, index, patch)? * reduced_chi2.max(1.0);
     let misfits = body.bands.iter().flatten().map(|light| {
         let normal = &light.normal;
         let excess = (normal.chi2 / normal.used.max(1) as f64 - 1.0).max(0.0);
