@@ -120,8 +120,8 @@ impl BandLight {
 /// Blur added to the edges of a doubtful dot in the first round, so that they are felt from farther away.
 const SOFTENING_PX: f64 = 2.0;
 
-/// After a step this small, or so many rounds, more rows are looked at.
-const APPROACHED_SIGMAS: f64 = 60.0;
+/// After a step this small, or so many rounds, all rows are looked at.
+const APPROACHED_SIGMAS: f64 = 30.0;
 const APPROACH: usize = 4;
 
 /// Rounds after which pixels that do not fit are left out, come what may.
@@ -262,7 +262,7 @@ impl Body {
             && self.dot.centre_mm[2] > 0.0
             && self.dot.centre_mm.iter().all(|coordinate| coordinate.is_finite());
         if self.moved_sigmas < APPROACHED_SIGMAS || self.rounds >= APPROACH {
-            self.share = self.seen.more();
+            self.share = Share::All;
         }
     }
 

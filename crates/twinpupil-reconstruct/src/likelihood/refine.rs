@@ -67,8 +67,8 @@ impl Refined {
 /// Depth of a dot that only one band shows is about that of the others, mm.
 const LONE_Z_STD_MM: f64 = 30.0;
 
-/// A change of slope that moves a dot by some tenths of its deviation, and the step after which it is looked at again.
-const SLOPE_FELT: f64 = 0.0015;
+/// A change of slope that moves a dot's edge by so much is felt, px; the step after which the dot is looked at again.
+const SLOPE_FELT_PX: f64 = 0.025;
 const SLOPE_SIGMAS: f64 = 20.0;
 
 /// A dot whose χ² a pixel is below the first, or below so many times that of the typical dot, is where its surface is.
@@ -87,8 +87,7 @@ pub(crate) struct Workspace {
     blacks: Vec<Black>,
 }
 
-/// Rounds before which the slopes of surfaces are found; in the first of them positions are rough.
-const SLOPE_ROUNDS: usize = 7;
+/// Rounds before which positions are rough.
 const ROUGH_ROUNDS: usize = 3;
 
 impl ForwardModel {
@@ -136,14 +135,17 @@ impl ForwardModel {
         let mut joint = Joint { bands: &views, bodies, buffers };
         joint.begin();
         for round in 0..ROUNDS {
-            if round < SLOPE_ROUNDS {
-                set_slopes(joint.bodies, seeds, if round < ROUGH_ROUNDS { NEIGHBOURS_ROUGH } else { NEIGHBOURS });
-                joint.refresh_moving();
-            }
-            joint.round();
+            let neighbours = if round < ROUGH_ROUNDS { NEIGHBOURS_ROUGH } else { NEIGHBOURS };
+            set_slopes(joint.bodies, seeds, neighbours, |body| !body.rests());
             if joint.bodies.iter().all(Body::rests) {
-                break;
+                // Those that came to rest first may stand on a surface that is known better by now.
+                set_slopes(joint.bodies, seeds, neighbours, |_| true);
+                if joint.bodies.iter().all(Body::rests) {
+                    break;
+                }
             }
+            joint.refresh_moving();
+            joint.round();
         }
         refined.clear();
         refined.extend((0..seeds.len()).map(|index| self::refined(joint.bodies, &joint.buffers.couplings, index, patch)));
@@ -165,25 +167,48 @@ fn body(seed: &Seed, views: &[BandView<'_>], background: &[f64]) -> Body {
     body
 }
 
-/// Gives every placed dot the slopes of the surface that its neighbours show, as far as they are where that surface is.
-fn set_slopes(bodies: &mut [Body], seeds: &[Seed], neighbours: usize) {
+/// Gives placed dots the slopes of the surface that their neighbours show, as far as those are where that surface is.
+fn set_slopes(bodies: &mut [Body], seeds: &[Seed], neighbours: usize, is_asked: impl Fn(&Body) -> bool) {
     let settled_chi2 = SETTLED_CHI2.max(SETTLED_SHARE * median_chi2(bodies));
     let is_settled = |body: &Body| body.rounds == 0 || body.explains(settled_chi2);
-    let placed = || bodies.iter().zip(seeds).filter(|(body, seed)| seed.placed && body.alive).map(|(body, _)| body);
+    let is_placed = |(body, seed): &(&Body, &Seed)| seed.placed && body.alive;
+    let placed = || bodies.iter().zip(seeds).filter(is_placed).map(|(body, _)| body);
     let settled_mm: Vec<_> = placed().filter(|body| is_settled(body)).map(|body| body.dot.centre_mm).collect();
-    let all_mm: Vec<_> = placed().map(|body| body.dot.centre_mm).collect();
-    let mut slopes = local_slopes(&settled_mm, &all_mm, neighbours).into_iter();
-    for (body, _) in bodies.iter_mut().zip(seeds).filter(|(body, seed)| seed.placed && body.alive) {
-        let before = body.dot.slopes;
-        body.dot.slopes = slopes.next().flatten().unwrap_or(before);
-        // A dot that leans otherwise than it seemed is not where it seemed.
-        if (0..2).any(|axis| (before[axis] - body.dot.slopes[axis]).abs() > SLOPE_FELT) {
-            body.moved_sigmas = body.moved_sigmas.max(SLOPE_SIGMAS);
+    let asked_mm: Vec<_> = placed().filter(|body| is_asked(body)).map(|body| body.dot.centre_mm).collect();
+    let mut slopes = local_slopes(&settled_mm, &asked_mm, neighbours).into_iter();
+    for (body, seed) in bodies.iter_mut().zip(seeds) {
+        if is_placed(&(body, seed)) && is_asked(body) {
+            if let Some(slopes) = slopes.next().flatten() {
+                lean(body, slopes);
+            }
         }
-        // The area of its foreshortened image is what is known of its size.
-        let stretch = |[sx, sy]: [f64; 2]| 1.0 + sx * sx + sy * sy;
-        body.dot.diameter_mm *= (stretch(body.dot.slopes) / stretch(before)).powf(0.25);
     }
+}
+
+/// Gives a dot the slopes of its surface; one that rests and would not feel it keeps those that it has.
+fn lean(body: &mut Body, slopes: [f64; 2]) {
+    let before = body.dot.slopes;
+    let felt = body.bands.iter().flatten().any(|light| edge_shift_px(light.spot.radius_px, before, slopes) > SLOPE_FELT_PX);
+    if body.rests() && !felt {
+        return;
+    }
+    if felt {
+        body.moved_sigmas = body.moved_sigmas.max(SLOPE_SIGMAS);
+    }
+    body.dot.slopes = slopes;
+    // The area of its foreshortened image is what is known of its size.
+    let stretch = |[sx, sy]: [f64; 2]| 1.0 + sx * sx + sy * sy;
+    body.dot.diameter_mm *= (stretch(slopes) / stretch(before)).powf(0.25);
+}
+
+/// How far the outline of a disc moves when it leans otherwise, px: by the change of the cosine of its tilt; the blur and
+/// the scale that change across it move it by some per cent of the change of slope at most.
+fn edge_shift_px(radius_px: f64, before: [f64; 2], after: [f64; 2]) -> f64 {
+    const ACROSS: f64 = 0.05;
+    let middle = [0, 1].map(|axis| 0.5 * (before[axis] + after[axis]));
+    let square = middle[0] * middle[0] + middle[1] * middle[1];
+    let change = ((after[0] - before[0]).powi(2) + (after[1] - before[1]).powi(2)).sqrt();
+    radius_px * change * (square.sqrt() / (1.0 + square).powf(1.5)).max(ACROSS)
 }
 
 /// The typical dot's χ² a pixel.

@@ -27,7 +27,6 @@ pub(crate) struct Rings {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Share {
     Quarter,
-    Half,
     All,
 }
 
@@ -37,25 +36,18 @@ pub(crate) struct Window {
     rings: Rings,
     first: usize,
     /// Samples of the rows of every [`Share`].
-    counts: [usize; 3],
+    counts: [usize; 2],
     pub(crate) full: Full,
 }
 
-/// Which rows are read one after the other: every fourth, those between them, the rest.
-const PHASES: [(usize, usize); 3] = [(0, 4), (2, 4), (1, 2)];
+/// Every which row is of the quarter.
+const QUARTER: usize = 4;
 
 /// A window with fewer samples than this is looked at as a whole.
 const SAMPLES_FEW: usize = 256;
 
 /// A spot may move by so much before its window is read again, px.
 const SLACK_PX: f64 = 1.0;
-
-impl Share {
-    /// The next larger one.
-    pub(crate) fn more(self) -> Self {
-        if self == Self::Quarter { Self::Half } else { Self::All }
-    }
-}
 
 impl Window {
     /// Whether it still serves a spot with these rings, whose light reaches `reach_px`.
@@ -90,14 +82,12 @@ impl Samples {
         let mut full = Full::about(level);
         let rows = rows(plane, rings.centre_px[1], rings.window_px);
         let area = rows.len() * (2.0 * rings.window_px / plane.step_px as f64) as usize;
-        let phases = if area < SAMPLES_FEW { &[(0, 1)][..] } else { &PHASES };
-        let mut counts = [0; 3];
-        for (phase, (start, step)) in phases.iter().enumerate() {
-            for row in rows.clone().skip(*start).step_by(*step) {
-                self.read_row(plane, row, &rings, &mut full);
-            }
-            counts[phase..].fill(self.codes.len() - first);
-        }
+        let every = if area < SAMPLES_FEW { 1 } else { QUARTER };
+        rows.clone().step_by(every).for_each(|row| self.read_row(plane, row, &rings, &mut full));
+        let quarter = self.codes.len() - first;
+        let others = rows.clone().enumerate().filter(|(place, _)| place % every != 0);
+        others.for_each(|(_, row)| self.read_row(plane, row, &rings, &mut full));
+        let counts = [quarter, self.codes.len() - first];
         if !full.is_even(noise, plane.code_max) {
             let inner: Vec<FullRow<'_>> = rows.filter_map(|row| full_row(plane, row, &rings)).collect();
             full = full.without_foreign(noise, plane.code_max, &inner);
