@@ -161,6 +161,11 @@ impl Body {
         }
     }
 
+    /// Whether its bands together tell its depth.
+    pub(crate) fn is_placed(&self) -> bool {
+        self.alive && self.z_prior_mm.is_none()
+    }
+
     /// Blur to be added in the coming round, px.
     pub(crate) fn softening_px(&self) -> f64 {
         if self.doubtful && self.rounds == 0 { SOFTENING_PX } else { 0.0 }

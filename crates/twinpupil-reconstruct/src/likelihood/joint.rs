@@ -219,7 +219,8 @@ impl Joint<'_> {
         let Some(light) = &body.bands[band] else { return };
         let Some(window) = &light.window else { return };
         let view = &bands[band];
-        let Buffers { samples, places, own, others, near, weights, weighted, neighbours, couplings, .. } = &mut **buffers;
+        let Buffers { samples, places, own, others, near, weights, weighted, neighbours, couplings, .. } =
+            &mut **buffers;
         let codes = samples.about(window, body.seen, light.spot.centre_px, places);
         let near_lights = || {
             neighbours.of(index * bands.len() + band).iter().filter_map(|neighbour| {

@@ -12,7 +12,7 @@ use crate::likelihood::joint::{BandView, Buffers, Joint};
 use crate::likelihood::pencil::Pencil;
 use crate::likelihood::spot::{Dot, Page};
 use crate::noise::Noise;
-use crate::slope::{NEIGHBOURS, NEIGHBOURS_ROUGH, local_slopes};
+use crate::slope::{NEIGHBOURS, NEIGHBOURS_ROUGH, Slopes};
 
 /// An instrument's forward model, ready to be compared with pixels.
 #[derive(Debug, Clone)]
@@ -85,6 +85,7 @@ pub(crate) struct Workspace {
     buffers: Buffers,
     patch: Patch,
     blacks: Vec<Black>,
+    slopes: Slopes,
 }
 
 /// Rounds before which positions are rough.
@@ -115,7 +116,7 @@ impl ForwardModel {
         workspace: &mut Workspace,
         refined: &mut Vec<Option<Refined>>,
     ) {
-        let Workspace { bodies, buffers, patch, blacks } = workspace;
+        let Workspace { bodies, buffers, patch, blacks, slopes } = workspace;
         blacks.clear();
         blacks.extend(planes.iter().map(|(_, noise)| Black::new(noise)));
         let aberrations: SmallVec<[_; 2]> = self.bands.iter().map(|band| self.aberration_mm(band.index)).collect();
@@ -136,10 +137,11 @@ impl ForwardModel {
         joint.begin();
         for round in 0..ROUNDS {
             let neighbours = if round < ROUGH_ROUNDS { NEIGHBOURS_ROUGH } else { NEIGHBOURS };
-            set_slopes(joint.bodies, seeds, neighbours, |body| !body.rests());
+            lay_surface(joint.bodies, neighbours, slopes);
+            set_slopes(joint.bodies, slopes, |body| !body.rests());
             if joint.bodies.iter().all(Body::rests) {
                 // Those that came to rest first may stand on a surface that is known better by now.
-                set_slopes(joint.bodies, seeds, neighbours, |_| true);
+                set_slopes(joint.bodies, slopes, |_| true);
                 if joint.bodies.iter().all(Body::rests) {
                     break;
                 }
@@ -148,7 +150,8 @@ impl ForwardModel {
             joint.round();
         }
         refined.clear();
-        refined.extend((0..seeds.len()).map(|index| self::refined(joint.bodies, &joint.buffers.couplings, index, patch)));
+        refined
+            .extend((0..seeds.len()).map(|index| self::refined(joint.bodies, &joint.buffers.couplings, index, patch)));
     }
 
     fn aberration_mm(&self, band: usize) -> impl Fn(f64, f64) -> f64 + Sync + '_ {
@@ -161,26 +164,26 @@ fn body(seed: &Seed, views: &[BandView<'_>], background: &[f64]) -> Body {
     let z_prior_mm = (!seed.placed).then_some((seed.centre_mm[2], LONE_Z_STD_MM));
     let mut body = Body::new(dot, z_prior_mm, seed.doubtful);
     let lights = views.iter().zip(&seed.contrast).zip(background);
-    body.bands.extend(lights.map(|((view, contrast), ground)| {
-        contrast.map(|contrast| BandLight::new(contrast, *ground, view.spot(&dot)))
-    }));
+    body.bands.extend(
+        lights.map(|((view, contrast), ground)| {
+            contrast.map(|contrast| BandLight::new(contrast, *ground, view.spot(&dot)))
+        }),
+    );
     body
 }
 
-/// Gives placed dots the slopes of the surface that their neighbours show, as far as those are where that surface is.
-fn set_slopes(bodies: &mut [Body], seeds: &[Seed], neighbours: usize, is_asked: impl Fn(&Body) -> bool) {
+/// Lays the surface through the placed dots that are where it is.
+fn lay_surface(bodies: &[Body], neighbours: usize, slopes: &mut Slopes) {
     let settled_chi2 = SETTLED_CHI2.max(SETTLED_SHARE * median_chi2(bodies));
-    let is_settled = |body: &Body| body.rounds == 0 || body.explains(settled_chi2);
-    let is_placed = |(body, seed): &(&Body, &Seed)| seed.placed && body.alive;
-    let placed = || bodies.iter().zip(seeds).filter(is_placed).map(|(body, _)| body);
-    let settled_mm: Vec<_> = placed().filter(|body| is_settled(body)).map(|body| body.dot.centre_mm).collect();
-    let asked_mm: Vec<_> = placed().filter(|body| is_asked(body)).map(|body| body.dot.centre_mm).collect();
-    let mut slopes = local_slopes(&settled_mm, &asked_mm, neighbours).into_iter();
-    for (body, seed) in bodies.iter_mut().zip(seeds) {
-        if is_placed(&(body, seed)) && is_asked(body) {
-            if let Some(slopes) = slopes.next().flatten() {
-                lean(body, slopes);
-            }
+    let is_settled = |body: &&Body| body.is_placed() && (body.rounds == 0 || body.explains(settled_chi2));
+    slopes.lay_through(bodies.iter().filter(is_settled).map(|body| body.dot.centre_mm), neighbours);
+}
+
+/// Gives placed dots the slopes of the surface.
+fn set_slopes(bodies: &mut [Body], slopes: &mut Slopes, is_asked: impl Fn(&Body) -> bool) {
+    for body in bodies.iter_mut().filter(|body| body.is_placed() && is_asked(body)) {
+        if let Some(slopes) = slopes.at(body.dot.centre_mm) {
+            lean(body, slopes);
         }
     }
 }
@@ -188,7 +191,8 @@ fn set_slopes(bodies: &mut [Body], seeds: &[Seed], neighbours: usize, is_asked: 
 /// Gives a dot the slopes of its surface; one that rests and would not feel it keeps those that it has.
 fn lean(body: &mut Body, slopes: [f64; 2]) {
     let before = body.dot.slopes;
-    let felt = body.bands.iter().flatten().any(|light| edge_shift_px(light.spot.radius_px, before, slopes) > SLOPE_FELT_PX);
+    let felt =
+        body.bands.iter().flatten().any(|light| edge_shift_px(light.spot.radius_px, before, slopes) > SLOPE_FELT_PX);
     if body.rests() && !felt {
         return;
     }

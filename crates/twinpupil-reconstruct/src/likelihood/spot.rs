@@ -98,10 +98,22 @@ impl Spot {
         let per_mm = (image.magnification + outwards) * per_px;
         let towards = image.magnification.signum();
         let jacobian = SpotJacobian::new(
-            per_mm, 0.0, change.x_mm * per_px, 0.0,
-            0.0, per_mm, change.y_mm * per_px, 0.0,
-            0.0, 0.0, towards * change.magnification * radius_mm * per_px, 0.5 * image.magnification.abs() * per_px,
-            0.0, 0.0, change.blur_mm * per_px, 0.0,
+            per_mm,
+            0.0,
+            change.x_mm * per_px,
+            0.0,
+            0.0,
+            per_mm,
+            change.y_mm * per_px,
+            0.0,
+            0.0,
+            0.0,
+            towards * change.magnification * radius_mm * per_px,
+            0.5 * image.magnification.abs() * per_px,
+            0.0,
+            0.0,
+            change.blur_mm * per_px,
+            0.0,
         );
         (spot, jacobian)
     }
