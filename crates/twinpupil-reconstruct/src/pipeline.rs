@@ -10,8 +10,7 @@ use twinpupil_instrument::{
 use crate::background::Polarity;
 use crate::detect::{DetectOptions, Detection, Detector, Estimator, Feature};
 use crate::further::{FurtherImage, Group, match_predicted};
-use crate::likelihood::joint::Workspace;
-use crate::likelihood::refine::{ForwardModel, Refined, Seed};
+use crate::likelihood::refine::{ForwardModel, Refined, Seed, Workspace};
 use crate::matching::{Epipole, Match, MatchOptions, Matcher};
 use crate::model::{Disc, Model};
 use crate::noise::Noise;
@@ -20,7 +19,7 @@ use crate::position::{Position, Sighting, first_order_position_mm, gamma, model_
 use crate::register::{mapped_centre, onto_reference};
 use crate::rejection::{Rejection, RejectionReason};
 use crate::shading::Shading;
-use crate::slope::Slopes;
+use crate::slope::{NEIGHBOURS, Slopes};
 use crate::unmix::Crosstalk;
 
 /// How points are computed.
@@ -248,7 +247,8 @@ impl Reconstructor {
         let mut seeds: Vec<Seed> = points.iter().flatten().map(seed).collect();
         let placed = seeds.len();
         seeds.extend(self.lone_seeds(detections, &signs, groups, &points));
-        let refined = self.forward.refine(planes, &seeds, &background, &mut Workspace::default());
+        let mut refined = Vec::new();
+        self.forward.refine(planes, &seeds, &background, &mut Workspace::default(), &mut refined);
         for (point, refined) in points.iter_mut().filter(|point| point.is_some()).zip(refined.into_iter().take(placed))
         {
             if let (Some(point), Some(refined)) = (point, refined) {
@@ -429,7 +429,7 @@ impl Reconstructor {
         // The fit of pixels finds slopes by itself.
         let tilts = self.options.mode == Mode::Centroid;
         if tilts {
-            slopes.lay_through(points.iter().flatten().map(|placed| placed.point.position_mm));
+            slopes.lay_through(points.iter().flatten().map(|placed| placed.point.position_mm), NEIGHBOURS);
         }
         if tilts || detections.len() > 2 {
             for (point, group) in points.iter_mut().zip(groups) {

@@ -3,7 +3,10 @@
 use crate::cells::Cells;
 
 /// Neighbours through which a plane is laid, the point itself included.
-const NEIGHBOURS: usize = 9;
+pub(crate) const NEIGHBOURS: usize = 9;
+
+/// The same where points are only roughly known.
+pub(crate) const NEIGHBOURS_ROUGH: usize = 25;
 
 /// A slope is believed if its deviation, from the scatter of the neighbours about their plane, is below this: what is
 /// then left of the error of a tilted disc is about the noise.
@@ -16,22 +19,17 @@ type Nearest = Vec<(f64, u32)>;
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Slopes {
     points_mm: Vec<[f64; 3]>,
+    /// How many of them a slope is taken from.
+    neighbours: usize,
     cells: Cells,
     near: Nearest,
 }
 
-/// Slopes dz/dx and dz/dy, at the places `at_mm`, of the surface that the `known_mm` points lie on; `None` where
-/// the nearest of them do not lie on a plane.
-pub(crate) fn local_slopes(known_mm: &[[f64; 3]], at_mm: &[[f64; 3]]) -> Vec<Option<[f64; 2]>> {
-    let mut slopes = Slopes::default();
-    slopes.lay_through(known_mm.iter().copied());
-    at_mm.iter().map(|place_mm| slopes.at(*place_mm)).collect()
-}
-
 impl Slopes {
-    /// Lays the surface through points.
-    pub(crate) fn lay_through(&mut self, points_mm: impl Iterator<Item = [f64; 3]>) {
+    /// Lays the surface through points, of which the `neighbours` nearest tell a slope.
+    pub(crate) fn lay_through(&mut self, points_mm: impl Iterator<Item = [f64; 3]>, neighbours: usize) {
         const CROWD: f64 = 3.0;
+        self.neighbours = neighbours.min(NEIGHBOURS_ROUGH);
         self.points_mm.clear();
         self.points_mm.extend(points_mm);
         self.cells.fill(self.points_mm.iter().map(|point_mm| [point_mm[0], point_mm[1]]), CROWD);
@@ -39,16 +37,16 @@ impl Slopes {
 
     /// Slopes dz/dx and dz/dy at a place; `None` where the nearest points do not lie on a plane.
     pub(crate) fn at(&mut self, place_mm: [f64; 3]) -> Option<[f64; 2]> {
-        let Self { points_mm, cells, near } = self;
-        nearest(points_mm, cells, place_mm, near);
-        let mut neighbours: [[f64; 3]; NEIGHBOURS] = Default::default();
+        let Self { points_mm, neighbours: count, cells, near } = self;
+        nearest(points_mm, cells, place_mm, *count, near);
+        let mut neighbours = [[0.0; 3]; NEIGHBOURS_ROUGH];
         neighbours.iter_mut().zip(&*near).for_each(|(neighbour, (_, index))| *neighbour = points_mm[*index as usize]);
         slopes_of(&mut neighbours[..near.len()], place_mm)
     }
 }
 
 /// The nearest points to a place: in growing squares of cells about it, until none farther out can be nearer.
-fn nearest(points_mm: &[[f64; 3]], cells: &Cells, place_mm: [f64; 3], found: &mut Nearest) {
+fn nearest(points_mm: &[[f64; 3]], cells: &Cells, place_mm: [f64; 3], count: usize, found: &mut Nearest) {
     found.clear();
     let home = [0, 1].map(|axis| cells.cell(axis, place_mm[axis]));
     let last = [0, 1].map(|axis| cells.count(axis).saturating_sub(1));
@@ -58,12 +56,12 @@ fn nearest(points_mm: &[[f64; 3]], cells: &Cells, place_mm: [f64; 3], found: &mu
         for row in first_row..=last_row {
             // What lies inside was looked at before.
             if reach == 1 || row.abs_diff(home[1]) == reach {
-                add_nearest(points_mm, cells.row(row, first_column, last_column), place_mm, found);
+                add_nearest(points_mm, cells.row(row, first_column, last_column), place_mm, count, found);
                 continue;
             }
             for column in [first_column, last_column] {
                 if column.abs_diff(home[0]) == reach {
-                    add_nearest(points_mm, cells.row(row, column, column), place_mm, found);
+                    add_nearest(points_mm, cells.row(row, column, column), place_mm, count, found);
                 }
             }
         }
@@ -75,32 +73,37 @@ fn nearest(points_mm: &[[f64; 3]], cells: &Cells, place_mm: [f64; 3], found: &mu
             below.min(above)
         };
         let margin_mm = beyond_mm(0, first_column, last_column).min(beyond_mm(1, first_row, last_row));
-        if whole || found.get(NEIGHBOURS - 1).is_some_and(|(farthest_mm2, _)| *farthest_mm2 <= margin_mm * margin_mm) {
+        if whole || found.get(count - 1).is_some_and(|(farthest_mm2, _)| *farthest_mm2 <= margin_mm * margin_mm) {
             return;
         }
     }
 }
 
 /// Puts points among the nearest ones.
-fn add_nearest(points_mm: &[[f64; 3]], members: &[u32], [x0_mm, y0_mm, _]: [f64; 3], found: &mut Nearest) {
+fn add_nearest(
+    points_mm: &[[f64; 3]],
+    members: &[u32],
+    [x0_mm, y0_mm, _]: [f64; 3],
+    count: usize,
+    found: &mut Nearest,
+) {
     for &index in members {
         let [x_mm, y_mm, _] = points_mm[index as usize];
         let distance_mm2 = (x_mm - x0_mm).powi(2) + (y_mm - y0_mm).powi(2);
-        if found.get(NEIGHBOURS - 1).is_none_or(|(farthest_mm2, _)| distance_mm2 < *farthest_mm2) {
+        if found.get(count - 1).is_none_or(|(farthest_mm2, _)| distance_mm2 < *farthest_mm2) {
             let rank = found.iter().rposition(|(other_mm2, _)| *other_mm2 <= distance_mm2).map_or(0, |rank| rank + 1);
-            found.truncate(NEIGHBOURS - 1);
+            found.truncate(count - 1);
             found.insert(rank, (distance_mm2, index));
         }
     }
 }
 
-/// Slopes of the plane through the neighbours of a place, without the two that lie farthest off it.
+/// Slopes of the plane through the neighbours of a place, without those that lie farthest off it, two in nine.
 fn slopes_of(neighbours_mm: &mut [[f64; 3]], place_mm: [f64; 3]) -> Option<[f64; 2]> {
     const FEWEST: usize = 5;
-    const DROPPED: usize = 2;
     let first = Plane::through(neighbours_mm, place_mm)?;
     let mut kept_mm = neighbours_mm;
-    for _ in 0..DROPPED.min(kept_mm.len().saturating_sub(FEWEST)) {
+    for _ in 0..(kept_mm.len() / 4).min(kept_mm.len().saturating_sub(FEWEST)) {
         let last = kept_mm.len() - 1;
         let off_mm = |index: &usize| first.off_mm(&kept_mm[*index]).abs();
         let farthest = (0..=last).max_by(|a, b| off_mm(a).total_cmp(&off_mm(b))).unwrap_or(last);
@@ -164,7 +167,9 @@ mod tests {
     use super::*;
 
     fn slopes_at(points_mm: &[[f64; 3]]) -> Vec<[f64; 2]> {
-        local_slopes(points_mm, points_mm).into_iter().map(Option::unwrap_or_default).collect()
+        let mut slopes = Slopes::default();
+        slopes.lay_through(points_mm.iter().copied(), NEIGHBOURS);
+        points_mm.iter().map(|point_mm| slopes.at(*point_mm).unwrap_or_default()).collect()
     }
 
     fn points(z_mm: impl Fn(f64, f64) -> f64) -> Vec<[f64; 3]> {
@@ -196,10 +201,10 @@ mod tests {
         let known_mm: Vec<[f64; 3]> =
             (0..300_u32).map(|k| [f64::from(k * 37 % 101).powf(1.3), f64::from(k * 53 % 97), 300.0]).collect();
         let mut slopes = Slopes::default();
-        slopes.lay_through(known_mm.iter().copied());
+        slopes.lay_through(known_mm.iter().copied(), NEIGHBOURS);
         for place_mm in [[0.0, 0.0, 0.0], [200.0, 50.0, 0.0], [333.3, 97.1, 0.0], [900.0, -50.0, 0.0], [71.0, 3.0, 0.0]]
         {
-            nearest(&slopes.points_mm, &slopes.cells, place_mm, &mut slopes.near);
+            nearest(&slopes.points_mm, &slopes.cells, place_mm, NEIGHBOURS, &mut slopes.near);
             let distance_mm2 = |p: &[f64; 3]| (p[0] - place_mm[0]).powi(2) + (p[1] - place_mm[1]).powi(2);
             let mut all_mm2: Vec<f64> = known_mm.iter().map(distance_mm2).collect();
             all_mm2.sort_by(f64::total_cmp);

@@ -2,9 +2,13 @@
 
 mod black;
 pub(crate) mod body;
+mod coupling;
+mod covariance;
 mod cut;
+mod full;
 pub(crate) mod joint;
 mod light;
+mod neighbours;
 mod normal;
 pub(crate) mod pencil;
 pub(crate) mod refine;
@@ -12,3 +16,4 @@ mod samples;
 mod sharp;
 mod soft;
 pub(crate) mod spot;
+mod weigh;
