@@ -52,6 +52,14 @@ struct Lines {
     rows: [Vec<f32>; 2],
 }
 
+/// What a feature's own light tells.
+struct OwnMean {
+    centre: Centre,
+    shape: Shape,
+    /// How far it moves when its neighbours do, over how far they move, about.
+    coupling: f64,
+}
+
 /// What is taken off a window, summed about its centre.
 #[derive(Debug, Clone, Copy, Default)]
 struct Taken {
@@ -63,6 +71,9 @@ struct Taken {
     pixels: f64,
     places: [f64; 2],
 }
+
+/// Steps shrink by no more than this ratio, or are not trusted to.
+const RATIO_MAX: f64 = 0.85;
 
 impl Shared<'_> {
     /// Moves the centre of every feature that shares light to the centroid of its own until all rest. Calls `found` with
@@ -98,7 +109,7 @@ impl Shared<'_> {
         }
     }
 
-    /// Moves one feature and says how far it would move next; `None` if it can move no more. While all is settling the
+    /// Moves one feature and says how far it may move yet; `None` if it can move no more. While all is settling the
     /// window follows it.
     fn settle(&self, feature: usize, settling: bool, bench: &mut Bench) -> Option<f64> {
         const MOVED: f64 = 0.5;
@@ -113,27 +124,26 @@ impl Shared<'_> {
             let window = Window::about(size, [c, r], radius);
             contents[feature] = window.map(|window| Content::of(&self.light, window, &mut lines.values));
         }
-        means[feature] = contents[feature].and_then(|content| self.own_mean(feature, &content, windows, lines));
-        let (mut centre, shape) = means[feature]?;
-        let next = bench.lengthen(feature, &mut centre.position);
+        let own = contents[feature].and_then(|content| self.own_mean(feature, &content, windows, lines));
+        means[feature] = None;
+        let OwnMean { mut centre, shape, coupling } = own?;
+        let step = bench.lengthen(feature, &mut centre.position);
         if self.has_strayed(feature, centre.position) {
             bench.windows[feature].centre = self.discs[feature].centre;
             bench.means[feature] = Some((self.outline_centre(feature), None));
             return None;
         }
         bench.windows[feature].centre = centre.position;
-        bench.means[feature] = Some((centre, shape));
-        Some(next)
+        bench.means[feature] = Some((centre, Some(shape)));
+        // Steps that shrink by a ratio add up to 1/(1 − ratio) of the next one.
+        let ratio = coupling.min(RATIO_MAX);
+        Some(step * ratio / (1.0 - ratio))
     }
 
     /// Centroid and shape of a feature's own light.
-    fn own_mean(
-        &self,
-        feature: usize,
-        content: &Content,
-        windows: &[Disc],
-        lines: &mut Lines,
-    ) -> Option<(Centre, Option<Shape>)> {
+    fn own_mean(&self, feature: usize, content: &Content, windows: &[Disc], lines: &mut Lines) -> Option<OwnMean> {
+        // A neighbour's light is cut off where the window ends, so it moves the centroid by some times its share.
+        const COUPLING: f64 = 3.5;
         /// How far the share of light that two features claim may be wrong; it counts towards their deviations.
         const SHARE_ERROR: f64 = 0.1;
         let taken = self.taken(feature, &content.window, windows, lines);
@@ -158,7 +168,8 @@ impl Shared<'_> {
             scatter: self.scatter.of_light(content.pixels + taken.pixels, all.light + off.light),
             second: [0, 1, 2].map(|k| all.second[k] - off.second[k]),
         };
-        Some((Centre { position, std: [std(0), std(1)] }, Some(shape)))
+        let coupling = COUPLING * (off.light / light).abs();
+        Some(OwnMean { centre: Centre { position, std: [std(0), std(1)] }, shape, coupling })
     }
 
     /// What belongs to the neighbours in a feature's window.
@@ -311,13 +322,10 @@ impl Bench {
         restless
     }
 
-    /// Lengthens a step to where steps like it and the one before lead, and says how long the next one would be.
+    /// Lengthens a step to where steps like it and the one before lead, and says how long it was.
     fn lengthen(&mut self, feature: usize, position: &mut [f64; 2]) -> f64 {
-        const RATIO_MAX: f64 = 0.85;
         let before = self.windows[feature].centre;
         let steps = &mut self.steps[feature];
-        let length = |[a, b]: [f64; 2]| (a * a + b * b).sqrt();
-        let length_before = length(*steps);
         for axis in 0..2 {
             let step = position[axis] - before[axis];
             let ratio = step / steps[axis];
@@ -325,8 +333,7 @@ impl Bench {
             position[axis] = before[axis] + gain * step;
             steps[axis] = step;
         }
-        let step = length(*steps);
-        if step < length_before { step * step / length_before } else { step }
+        (steps[0] * steps[0] + steps[1] * steps[1]).sqrt()
     }
 }
 
@@ -410,5 +417,100 @@ impl RadialMean {
         let radius = self.radius / self.light;
         let azimuth = self.azimuth / (radius * self.light);
         (self.light > 0.0 && radius > 0.0 && azimuth.is_finite()).then_some([radius, azimuth])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::background::Polarity;
+    use crate::noise::Noise;
+    use crate::scout::ground::Ground;
+
+    const COLUMNS: usize = 160;
+    const ROWS: usize = 100;
+
+    /// Column, row, radius and height of a disc whose edge is blurred by 8 pixels to either side.
+    type Dot = [f64; 4];
+
+    const BLUR: f64 = 8.0;
+
+    fn field(dots: &[Dot]) -> Vec<f32> {
+        let light = |column: f64, row: f64| {
+            let of = |[c, r, radius, height]: &Dot| {
+                let t = (((column - c).hypot(row - r) - radius) / BLUR).clamp(-1.0, 1.0);
+                height * (0.5 - (t * (1.0 - t * t).sqrt() + t.asin()) / std::f64::consts::PI)
+            };
+            dots.iter().map(of).sum::<f64>() as f32
+        };
+        (0..COLUMNS * ROWS).map(|index| light((index % COLUMNS) as f64, (index / COLUMNS) as f64)).collect()
+    }
+
+    /// Centres of dots whose outlines were found about a pixel beside them.
+    fn centres(contrasts: &[f32], dots: &[Dot]) -> Vec<Option<Centre>> {
+        let outline = |(k, [c, r, radius, _]): (usize, &Dot)| {
+            let off = [0.9, -0.7, 0.4][k % 3];
+            Disc { centre: [c + off, r - off], extent: *radius, radius: radius + 1.1 * BLUR + 1.5 }
+        };
+        let discs: Vec<Disc> = dots.iter().enumerate().map(outline).collect();
+        let mut neighbours = Neighbours::default();
+        neighbours.find(&discs);
+        let ground = Ground { polarity: Polarity::Bright, level: 0.0, pixel_noise: 1.0, surface: None };
+        let noise = Noise { floor_codes2: 1.0, slope_codes: 0.0, black_level: 0.0 };
+        let light = Light::Field { columns: COLUMNS, contrasts };
+        let scatter = Scatter::on(&ground, &noise);
+        let shared = Shared { light, scatter, noise: 1.0, discs: &discs, neighbours: &neighbours };
+        let mut found = vec![None; dots.len()];
+        let mut bench = Bench::default();
+        // What was measured before leaves no trace.
+        shared.means(&mut bench, |_, _, _| {});
+        shared.means(&mut bench, |feature, centre, _| found[feature] = Some(centre));
+        found
+    }
+
+    fn errors(dots: &[Dot]) -> Vec<f64> {
+        let off = |(centre, dot): (Option<Centre>, &Dot)| {
+            let [c, r] = centre.expect("light").position;
+            (c - dot[0]).hypot(r - dot[1])
+        };
+        centres(&field(dots), dots).into_iter().zip(dots).map(off).collect()
+    }
+
+    #[test]
+    fn dots_whose_skirts_meet_are_told_apart() {
+        for (gap, most) in [(-3.0, 0.1), (0.0, 0.1), (4.0, 0.03), (12.0, 0.003)] {
+            let errors = errors(&[[50.2, 50.7, 18.0, 1000.0], [86.1 + gap, 54.0, 18.0, 1000.0]]);
+            assert!(errors.iter().all(|error| *error < most), "{gap}: {errors:?}");
+        }
+        let errors = errors(&[[50.2, 50.7, 18.0, 1000.0], [88.3, 51.0, 18.0, 300.0]]);
+        assert!(errors.iter().all(|error| *error < 0.1), "{errors:?}");
+    }
+
+    #[test]
+    fn a_dot_between_two_others_is_told_from_both() {
+        let errors = errors(&[[40.3, 50.0, 14.0, 1000.0], [74.0, 52.2, 14.0, 900.0], [107.1, 49.4, 14.0, 1100.0]]);
+        assert!(errors.iter().all(|error| *error < 0.05), "{errors:?}");
+    }
+
+    #[test]
+    fn what_scatters_in_shared_pixels_counts_twice() {
+        let alone = centres(&field(&[[50.0, 50.0, 18.0, 1000.0]]), &[[50.0, 50.0, 18.0, 1000.0]]);
+        assert_eq!(alone, [None], "no neighbour");
+        let near = [[50.0, 50.0, 18.0, 1000.0], [93.0, 50.0, 18.0, 1000.0]];
+        let far = [[50.0, 50.0, 18.0, 1000.0], [103.0, 50.0, 18.0, 1000.0]];
+        let std = |dots: &[Dot]| centres(&field(dots), dots)[0].expect("light").std;
+        // A lone disc's σ² = σ₀² π R⁴/4 over its light squared.
+        let light = std::f64::consts::PI * (18.0_f64.powi(2) + BLUR * BLUR / 4.0) * 1000.0;
+        let expected = (std::f64::consts::PI / 4.0 * 28.3_f64.powi(4)).sqrt() / light;
+        let [along, across] = std(&far);
+        assert!((across / expected - 1.0).abs() < 0.1 && along > across && std(&near)[0] > along, "{along} {expected}");
+    }
+
+    #[test]
+    fn a_row_of_a_neighbour_alone_is_nothing() {
+        let dots = [[50.0, 50.0, 18.0, 0.0], [88.0, 50.0, 18.0, 1000.0]];
+        let found = centres(&field(&dots), &dots);
+        // No light of its own, or all of it in doubt: never a centre that seems sure.
+        assert!(found[0].is_none_or(|centre| centre.std[0] > 0.5), "{found:?}");
     }
 }

@@ -221,8 +221,8 @@ impl Levels {
     fn even(level: &Level<'_>, r_mm: &Lanes) -> Self {
         let mut levels = Self::of(&level.chief);
         if let Some(slice) = &level.slice {
-            for k in 0..LANES {
-                levels.set_response(k, &slice.at(r_mm[k]));
+            for (lane, r_mm) in r_mm.iter().enumerate() {
+                levels.set_response(lane, &slice.at(*r_mm));
             }
         }
         levels
@@ -232,16 +232,16 @@ impl Levels {
     #[inline(always)]
     fn tilted(projection: &Projection, response: Option<&Response>, r_mm: &Lanes, z_mm: &Lanes) -> Self {
         let mut levels = Self::of(&projection.chief(z_mm[0]));
-        for k in 0..LANES {
-            let chief = projection.chief(z_mm[k]);
-            levels.magnification[k] = chief.magnification;
-            levels.magnification_slope[k] = chief.magnification_slope;
-            levels.shift[k] = chief.shift;
-            levels.shift_slope[k] = chief.shift_slope;
+        for (lane, z_mm) in z_mm.iter().enumerate() {
+            let chief = projection.chief(*z_mm);
+            levels.magnification[lane] = chief.magnification;
+            levels.magnification_slope[lane] = chief.magnification_slope;
+            levels.shift[lane] = chief.shift;
+            levels.shift_slope[lane] = chief.shift_slope;
         }
         if let Some(response) = response {
-            for k in 0..LANES {
-                levels.set_response(k, &response.slice(z_mm[k]).at(r_mm[k]));
+            for (lane, (r_mm, z_mm)) in r_mm.iter().zip(z_mm).enumerate() {
+                levels.set_response(lane, &response.slice(*z_mm).at(*r_mm));
             }
         }
         levels

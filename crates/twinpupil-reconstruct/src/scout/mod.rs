@@ -255,7 +255,9 @@ impl Scout {
                 trees.resize(discs, Tree::default());
                 let before = self.open.len();
                 self.gather(piece.level, false);
-                for part in self.open.split_off(before) {
+                while self.open.len() > before
+                    && let Some(part) = self.open.pop()
+                {
                     blobs.extend(self.blob(light, &part, height, None));
                 }
                 return;
