@@ -109,7 +109,7 @@ impl Content {
 }
 
 /// Squared distances along and across of so many pixels of a row, summed; the first lies at `[along, across]`.
-pub(crate) fn squares_of_places(along: f64, across: f64, count: usize) -> [f64; 2] {
+fn squares_of_places(along: f64, across: f64, count: usize) -> [f64; 2] {
     let n = count as f64;
     let [p1, p2] = [0.5 * n * (n - 1.0), n * (n - 1.0) * (2.0 * n - 1.0) / 6.0];
     [p2 + 2.0 * along * p1 + along * along * n, across * across * n]
