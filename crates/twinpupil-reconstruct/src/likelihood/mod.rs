@@ -2,6 +2,7 @@
 
 mod black;
 pub(crate) mod body;
+mod chords;
 mod cut;
 pub(crate) mod joint;
 mod light;
