@@ -1,18 +1,18 @@
 //! The whole way from a frame to points, as in Section 3 of the paper: planes, features, pairs, positions.
 
-use std::sync::OnceLock;
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
+use smallvec::SmallVec;
 use thiserror::Error;
 use twinpupil_instrument::{
-    Band, Frame, FrameError, Instrument, PixelPoint, PlaneView, ResponseMatrix, ResponseTable, Role,
+    Band, Frame, FrameError, FrameView, Instrument, PixelPoint, PlaneView, ResponseMatrix, ResponseTable, Role,
 };
 
 use crate::background::Polarity;
 use crate::detect::{DetectOptions, Detection, Detector, Estimator, Feature};
 use crate::further::{FurtherImage, Group, match_predicted};
-use crate::likelihood::joint::Workspace;
-use crate::likelihood::refine::{ForwardModel, Refined, Seed};
-use crate::matching::{Match, MatchOptions, pair_up};
+use crate::likelihood::refine::{ForwardModel, Refined, Seed, Workspace};
+use crate::matching::{Epipole, Match, MatchOptions, Matcher};
 use crate::model::{Disc, Model};
 use crate::noise::Noise;
 use crate::planes::Planes;
@@ -20,7 +20,7 @@ use crate::position::{Position, Sighting, first_order_position_mm, gamma, model_
 use crate::register::{mapped_centre, onto_reference};
 use crate::rejection::{Rejection, RejectionReason};
 use crate::shading::Shading;
-use crate::slope::local_slopes;
+use crate::slope::{NEIGHBOURS, Slopes};
 use crate::unmix::Crosstalk;
 
 /// How points are computed.
@@ -133,10 +133,58 @@ impl Placed {
     }
 }
 
-/// Times that points and the tilts between them are computed in turn.
-const TILT_ROUNDS: usize = 2;
+impl Placed {
+    /// Moves it to a position, unless that is none; says whether it did.
+    fn settle(&mut self, position: &Position, diameter_mm: f64) -> bool {
+        let std_mm = position.std_mm();
+        let finite = position.position_mm.iter().chain(&std_mm).all(|value| value.is_finite());
+        if finite {
+            let point = &mut self.point;
+            (point.position_mm, point.std_mm, point.diameter_mm) = (position.position_mm, std_mm, diameter_mm);
+            let covariance_mm2 = &position.covariance_mm2;
+            point.covariance_mm2 = std::array::from_fn(|i| std::array::from_fn(|k| covariance_mm2[(i, k)]));
+        }
+        finite
+    }
+}
+
+/// What features are paired and placed with; its buffers are used again from frame to frame.
+#[derive(Debug, Clone, Default)]
+struct Placing {
+    matcher: Matcher,
+    slopes: Slopes,
+    pairs: Vec<Match>,
+    /// The groups that were found last, and their points.
+    groups: Vec<Group>,
+    points: Vec<Option<Placed>>,
+    sightings: Vec<Sighting>,
+}
+
+/// What one frame is read with, and what was read; used again from frame to frame.
+#[derive(Debug, Clone, Default)]
+struct Reading {
+    /// For every band of the model.
+    detectors: Vec<Detector>,
+    detections: Vec<Detection>,
+    placing: Placing,
+    fitting: Fitting,
+    points: Vec<Point>,
+}
+
+/// What points are fitted to pixels with.
+#[derive(Debug, Clone, Default)]
+struct Fitting {
+    seeds: Vec<Seed>,
+    workspace: Workspace,
+    refined: Vec<Option<Refined>>,
+    depths_mm: Vec<f64>,
+    is_shown: Vec<bool>,
+}
 
 /// An instrument made ready to read frames.
+///
+/// [`Reconstructor::frame`] is for live use, on codes as they lie in a camera's buffer; once warm it allocates nothing.
+/// [`Reconstructor::reconstruct`] also tells what did not become a point, and many threads may call it at once.
 #[derive(Debug, Clone)]
 pub struct Reconstructor {
     instrument: Instrument,
@@ -146,6 +194,9 @@ pub struct Reconstructor {
     /// In the order of the model's bands.
     shadings: Vec<OnceLock<Shading>>,
     crosstalk: Option<Crosstalk>,
+    reading: Reading,
+    /// Of those who share it.
+    spare: Arc<Mutex<Vec<Reading>>>,
 }
 
 impl Reconstructor {
@@ -156,7 +207,16 @@ impl Reconstructor {
         let forward = ForwardModel::new(&instrument, table.as_ref(), &instrument.bands_by_role());
         let model = Model::new(&instrument, table);
         let shadings = vec![OnceLock::new(); model.bands()];
-        Self { instrument, model, forward, options, shadings, crosstalk: None }
+        Self {
+            instrument,
+            model,
+            forward,
+            options,
+            shadings,
+            crosstalk: None,
+            reading: Reading::default(),
+            spare: Arc::default(),
+        }
     }
 
     /// Takes the crosstalk between the planes off every frame before anything is measured.
@@ -165,24 +225,57 @@ impl Reconstructor {
         Self { crosstalk: Crosstalk::of(&self.instrument, response), ..self }
     }
 
-    /// Reads one frame.
-    pub fn frame(&self, frame: &Frame) -> Result<Reconstruction, ReconstructError> {
+    /// The points of one exposure, whose codes lie page by page and row by row as the sensor delivers them; by the row and
+    /// column of their telecentric features, until the next frame is read.
+    pub fn frame(&mut self, codes: &[u16]) -> Result<&[Point], ReconstructError> {
+        let [width_px, height_px] = self.instrument.sensor.size_px;
+        let frame = FrameView::of_codes(width_px, height_px, self.instrument.sensor.code_max(), codes)?;
+        let mut reading = std::mem::take(&mut self.reading);
+        let done = self.read(frame, &mut reading);
+        self.reading = reading;
+        done?;
+        let Reading { placing, points, .. } = &mut self.reading;
+        points.clear();
+        points.extend(placing.points.iter().flatten().map(|placed| placed.point));
+        Ok(points)
+    }
+
+    /// Reads one frame, and tells of all that is on it.
+    pub fn reconstruct(&self, frame: &Frame) -> Result<Reconstruction, ReconstructError> {
+        let mut reading = self.spares().pop().unwrap_or_default();
+        let done = self.read(frame.into(), &mut reading);
+        let reconstruction = done.map(|()| self.account(&reading.detections, &reading.placing));
+        self.spares().push(reading);
+        reconstruction
+    }
+
+    fn spares(&self) -> std::sync::MutexGuard<'_, Vec<Reading>> {
+        // What was left behind by a panic is only buffers.
+        self.spare.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn read(&self, frame: FrameView<'_>, reading: &mut Reading) -> Result<(), ReconstructError> {
         let found_px = [frame.width_px(), frame.height_px()];
         if found_px != self.instrument.sensor.size_px {
             return Err(ReconstructError::Size { found_px, sensor_px: self.instrument.sensor.size_px });
         }
+        let Reading { detectors, detections, placing, fitting, .. } = reading;
         let planes = Planes::of(&self.instrument, self.crosstalk.as_ref(), frame)?;
         // The paper knows of two bands.
         let bands = if self.options.mode == Mode::Paper { 2 } else { self.model.bands() };
-        let detections = (0..bands).map(|band| self.detect_plane(&planes, band)).collect::<Result<Vec<_>, _>>()?;
-        if self.options.mode != Mode::Model {
-            return Ok(self.points_from(&detections));
+        detectors.resize_with(bands, Detector::default);
+        detections.resize_with(bands, Detection::default);
+        for (band, (detector, detection)) in detectors.iter_mut().zip(&mut *detections).enumerate() {
+            self.detect_plane(&planes, band, detector, detection)?;
         }
-        self.check_registrations()?;
-        let (groups, points) = self.placed(&detections);
-        let views = (0..bands).map(|band| planes.of_band(self.index(band))).collect::<Result<Vec<_>, _>>()?;
-        let refinement = self.refined(&views, &detections, &groups, points);
-        Ok(self.account(&detections, &groups, refinement))
+        self.placed(detections, placing);
+        if self.options.mode == Mode::Model {
+            self.check_registrations()?;
+            let views =
+                (0..bands).map(|band| planes.of_band(self.index(band))).collect::<Result<SmallVec<[_; 2]>, _>>()?;
+            self.refine(&views, detections, placing, fitting);
+        }
+        Ok(())
     }
 
     /// The fit of pixels knows sensors that are shifted against each other, not turned or scaled.
@@ -193,46 +286,28 @@ impl Reconstructor {
         }
     }
 
-    /// Points placed anew by what all pixels say.
-    fn refined(
+    /// Places points anew by what all pixels say.
+    fn refine(
         &self,
         planes: &[(PlaneView<'_>, Noise)],
         detections: &[Detection],
-        groups: &[Group],
-        mut points: Vec<Option<Placed>>,
-    ) -> Vec<Option<Placed>> {
-        let signs: Vec<f64> = detections
-            .iter()
-            .map(|detection| if detection.polarity == Polarity::Bright { 1.0 } else { -1.0 })
-            .collect();
-        let background: Vec<f64> = detections
-            .iter()
-            .zip(planes)
+        placing: &mut Placing,
+        fitting: &mut Fitting,
+    ) {
+        const NOT_A_DISC: f64 = 0.05;
+        let background: SmallVec<[f64; 2]> = (detections.iter().zip(planes))
             .map(|(detection, (_, noise))| detection.background_codes - noise.black_level)
             .collect();
-        let seed = |placed: &Placed| Seed {
-            centre_mm: placed.point.position_mm,
-            diameter_mm: placed.point.diameter_mm,
-            contrast: (0..planes.len())
-                .map(|band| placed.feature(band).map(|feature| signs[band] * feature.height_codes))
-                .collect(),
-            placed: true,
-            doubtful: placed.point.telecentric.overlapped || placed.point.entocentric.overlapped,
-        };
-        let mut seeds: Vec<Seed> = points.iter().flatten().map(seed).collect();
-        let placed = seeds.len();
-        seeds.extend(self.lone_seeds(detections, &signs, groups, &points));
-        let refined = self.forward.refine(planes, &seeds, &background, &mut Workspace::default());
-        for (point, refined) in points.iter_mut().filter(|point| point.is_some()).zip(refined.into_iter().take(placed))
-        {
-            if let (Some(point), Some(refined)) = (point, refined) {
-                const NOT_A_DISC: f64 = 0.05;
-                if refined.misfit < NOT_A_DISC {
-                    self.place(point, &refined);
-                }
+        fitting.seeds.clear();
+        fitting.seeds.extend(placing.points.iter().flatten().map(|placed| seed(placed, detections)));
+        self.add_lone_seeds(detections, placing, fitting);
+        let Fitting { seeds, workspace, refined, .. } = fitting;
+        self.forward.refine(planes, seeds, &background, workspace, refined);
+        for (point, refined) in placing.points.iter_mut().flatten().zip(refined) {
+            if let Some(refined) = refined.take().filter(|refined| refined.misfit < NOT_A_DISC) {
+                self.place(point, &refined);
             }
         }
-        points
     }
 
     fn place(&self, Placed { point, further }: &mut Placed, refined: &Refined) {
@@ -263,31 +338,28 @@ impl Reconstructor {
             (t.x_mm * e.y_mm - t.y_mm * e.x_mm) / t.radius_mm().max(1e-12) / self.instrument.sensor.pitch_mm;
     }
 
-    /// Features of one band that became no point, as dots somewhere along the line of sight.
-    fn lone_seeds(
-        &self,
-        detections: &[Detection],
-        signs: &[f64],
-        groups: &[Group],
-        points: &[Option<Placed>],
-    ) -> Vec<Seed> {
-        let mut depths_mm: Vec<f64> = points.iter().flatten().map(|placed| placed.point.position_mm[2]).collect();
-        depths_mm.sort_by(f64::total_cmp);
+    /// Adds the features of one band that became no point, as dots somewhere along the line of sight.
+    fn add_lone_seeds(&self, detections: &[Detection], placing: &Placing, fitting: &mut Fitting) {
+        let Fitting { seeds, depths_mm, is_shown, .. } = fitting;
+        depths_mm.clear();
+        depths_mm.extend(placing.points.iter().flatten().map(|placed| placed.point.position_mm[2]));
+        depths_mm.sort_unstable_by(f64::total_cmp);
         let z_mm = depths_mm.get(depths_mm.len() / 2).copied().unwrap_or(self.instrument.focus_distance_mm());
-        let mut seeds = Vec::new();
         for (band, detection) in detections.iter().enumerate() {
-            let mut is_shown = vec![false; detection.features.len()];
-            for (group, _) in groups.iter().zip(points).filter(|(_, point)| point.is_some()) {
+            is_shown.clear();
+            is_shown.resize(detection.features.len(), false);
+            for (group, _) in placing.groups.iter().zip(&placing.points).filter(|(_, point)| point.is_some()) {
                 group.feature(band).into_iter().for_each(|index| is_shown[index] = true);
             }
-            let alone = detection.features.iter().zip(is_shown).filter(|(_, shown)| !shown).map(|(feature, _)| feature);
+            let shown = detection.features.iter().zip(&*is_shown);
+            let alone = shown.filter(|(_, shown)| !**shown).map(|(feature, _)| feature);
             let bystanders = detection.rejected.iter().map(|bystander| &bystander.feature);
             for feature in alone.chain(bystanders) {
                 let image = self.instrument.sensor.image_from_pixel(feature.centre);
                 let m = self.model.magnification(band, z_mm);
                 let diameter_px = 2.0 * (feature.area_px / std::f64::consts::PI).sqrt();
-                let mut contrast = vec![None; detections.len()];
-                contrast[band] = Some(signs[band] * feature.height_codes);
+                let mut contrast = SmallVec::from_elem(None, detections.len());
+                contrast[band] = Some(sign(detection) * feature.height_codes);
                 seeds.push(Seed {
                     centre_mm: [image.x_mm / m, image.y_mm / m, z_mm],
                     diameter_mm: (diameter_px * self.instrument.sensor.pitch_mm / m).max(1e-3),
@@ -297,18 +369,6 @@ impl Reconstructor {
                 });
             }
         }
-        seeds
-    }
-
-    fn pair(&self, telecentric: &Detection, entocentric: &Detection) -> Vec<Match> {
-        pair_up(
-            &self.model,
-            &self.instrument.sensor,
-            self.instrument.depth_range(),
-            &telecentric.features,
-            &entocentric.features,
-            &self.options.matching,
-        )
     }
 
     /// Index in the instrument of a band of the model.
@@ -322,10 +382,11 @@ impl Reconstructor {
     }
 
     /// Pairs the features of the two bands, finds what the others show of the pairs, and places them: what
-    /// [`Reconstructor::frame`] does once it has detected. The telecentric and the entocentric band come first.
+    /// [`Reconstructor::reconstruct`] does once it has detected. The telecentric and the entocentric band come first.
     pub fn points_from(&self, detections: &[Detection]) -> Reconstruction {
-        let (groups, points) = self.placed(detections);
-        self.account(detections, &groups, points)
+        let mut placing = Placing::default();
+        self.placed(detections, &mut placing);
+        self.account(detections, &placing)
     }
 
     /// The features of the band with a role.
@@ -335,14 +396,21 @@ impl Reconstructor {
 
     /// The features of a band, by its index in the instrument; none where there is no such band.
     pub fn detect_band(&self, frame: &Frame, index: usize) -> Result<Detection, FrameError> {
-        let planes = Planes::of(&self.instrument, self.crosstalk.as_ref(), frame)?;
-        match (0..self.model.bands()).find(|band| self.model.index(*band) == index) {
-            Some(band) => self.detect_plane(&planes, band),
-            None => Ok(Detection::default()),
+        let planes = Planes::of(&self.instrument, self.crosstalk.as_ref(), frame.into())?;
+        let mut detection = Detection::default();
+        if let Some(band) = (0..self.model.bands()).find(|band| self.model.index(*band) == index) {
+            self.detect_plane(&planes, band, &mut Detector::default(), &mut detection)?;
         }
+        Ok(detection)
     }
 
-    fn detect_plane(&self, planes: &Planes<'_>, band: usize) -> Result<Detection, FrameError> {
+    fn detect_plane(
+        &self,
+        planes: &Planes<'_>,
+        band: usize,
+        detector: &mut Detector,
+        detection: &mut Detection,
+    ) -> Result<(), FrameError> {
         let (plane, noise) = planes.of_band(self.index(band))?;
         let stated = self.band(band);
         let [u, v] = self.instrument.axis_px(stated);
@@ -351,11 +419,10 @@ impl Reconstructor {
             Mode::Centroid => Estimator::Cartesian,
             Mode::Model => Estimator::Rough,
         };
-        let options = DetectOptions { estimator, ..self.options.detect };
-        let mut detection = Detection::default();
-        Detector::new(options).detect_shaded(&plane, Some(&noise), self.shading(band, &plane), &mut detection);
-        onto_reference(&mut detection, &stated.registration);
-        Ok(detection)
+        detector.options = DetectOptions { estimator, ..self.options.detect };
+        detector.detect_shaded(&plane, Some(&noise), self.shading(band, &plane), detection);
+        onto_reference(detection, &stated.registration);
+        Ok(())
     }
 
     /// What the masks leave of an even ground, computed with the first frame; `None` without a response table, or for
@@ -367,11 +434,12 @@ impl Reconstructor {
     }
 
     /// Puts points together, and whatever is left into rejections.
-    fn account(&self, detections: &[Detection], groups: &[Group], points: Vec<Option<Placed>>) -> Reconstruction {
+    fn account(&self, detections: &[Detection], placing: &Placing) -> Reconstruction {
+        let Placing { groups, points, .. } = placing;
         let mut rejected = Vec::new();
         for (band, detection) in detections.iter().enumerate() {
             let mut fates = vec![Some(RejectionReason::NoPartner); detection.features.len()];
-            for (group, point) in groups.iter().zip(&points) {
+            for (group, point) in groups.iter().zip(points) {
                 let fate = if point.is_some() { None } else { Some(RejectionReason::NoDepth) };
                 group.feature(band).into_iter().for_each(|index| fates[index] = fate);
             }
@@ -387,47 +455,49 @@ impl Reconstructor {
             }));
         }
         let mut further = Vec::new();
-        let placed: Vec<Placed> = points.into_iter().flatten().collect();
-        for (point, placed) in placed.iter().enumerate() {
+        for (point, placed) in points.iter().flatten().enumerate() {
             let images = placed.further.iter().enumerate().filter_map(|(band, feature)| Some((band + 2, (*feature)?)));
             further.extend(images.map(|(band, feature)| FurtherImage { point, band: self.index(band), feature }));
         }
-        Reconstruction { points: placed.into_iter().map(|placed| placed.point).collect(), further, rejected }
+        Reconstruction { points: points.iter().flatten().map(|placed| placed.point).collect(), further, rejected }
     }
 
     /// The point of every pair; first by the pair alone and as if all features faced the camera, then with the tilt of
     /// the surface that their neighbours show and with what the further bands show at the place where it is predicted.
-    fn placed(&self, detections: &[Detection]) -> (Vec<Group>, Vec<Option<Placed>>) {
-        let pairs = self.pair(&detections[0], &detections[1]);
-        let mut groups: Vec<Group> = pairs.into_iter().map(Group::of).collect();
-        let point =
-            |group: &Group, before: Option<&Placed>, slopes: [f64; 2]| self.point(detections, group, before, slopes);
-        let mut points: Vec<Option<Placed>> = groups.iter().map(|group| point(group, None, [0.0; 2])).collect();
+    fn placed(&self, detections: &[Detection], placing: &mut Placing) {
+        let Placing { matcher, slopes, pairs, groups, points, sightings } = placing;
+        let epipole = Epipole::new(&self.model, &self.instrument.sensor, self.instrument.depth_range());
+        let [telecentric, entocentric] = [0, 1].map(|band| &detections[band].features[..]);
+        matcher.pair_up(&epipole, telecentric, entocentric, &self.options.matching, pairs);
+        groups.clear();
+        groups.extend(pairs.drain(..).map(Group::of));
+        points.clear();
+        points.extend(groups.iter().map(|group| self.point(detections, group, sightings)));
         if self.options.mode == Mode::Paper {
-            return (groups, points);
+            return;
         }
-        self.find_further(detections, &mut groups, &points);
+        self.find_further(detections, groups, points);
         // The fit of pixels finds slopes by itself.
-        let rounds = if self.options.mode == Mode::Centroid { TILT_ROUNDS } else { 0 };
-        for _ in 0..rounds {
-            let known: Vec<[f64; 3]> = points.iter().flatten().map(|placed| placed.point.position_mm).collect();
-            let mut slopes = local_slopes(&known, &known).into_iter();
-            for (place, group) in points.iter_mut().zip(&groups) {
-                if let Some(before) = place {
-                    let again = slopes.next().and_then(|slopes| point(group, Some(before), slopes.unwrap_or_default()));
-                    if again.is_some() {
-                        *place = again;
-                    }
+        let tilts = self.options.mode == Mode::Centroid;
+        if tilts {
+            slopes.lay_through(points.iter().flatten().map(|placed| placed.point.position_mm), NEIGHBOURS);
+        }
+        if tilts || detections.len() > 2 {
+            for (point, group) in points.iter_mut().zip(groups) {
+                if let Some(placed) = point {
+                    placed.further.clear();
+                    placed.further.extend(
+                        group
+                            .further
+                            .iter()
+                            .enumerate()
+                            .map(|(k, index)| index.map(|index| detections[2 + k].features[index])),
+                    );
+                    let slopes = if tilts { slopes.at(placed.point.position_mm).unwrap_or_default() } else { [0.0; 2] };
+                    self.place_again(placed, slopes, sightings);
                 }
             }
         }
-        if rounds == 0 && detections.len() > 2 {
-            for (place, group) in points.iter_mut().zip(&groups) {
-                let again = place.as_ref().and_then(|before| point(group, Some(before), [0.0; 2]));
-                *place = again.or_else(|| place.take());
-            }
-        }
-        (groups, points)
     }
 
     /// Adds to every group what the further bands show where its point is predicted.
@@ -437,7 +507,7 @@ impl Reconstructor {
                 .iter()
                 .map(|placed| {
                     let Point { position_mm, diameter_mm, .. } = placed.as_ref()?.point;
-                    let image = self.model.image(band, position_mm, &Disc { diameter_mm, slopes: [0.0; 2] });
+                    let image = self.model.image(band, position_mm, &Disc { diameter_mm, slopes: [0.0; 2] }).image;
                     Some(self.instrument.sensor.pixel_from_image(image))
                 })
                 .collect();
@@ -453,53 +523,30 @@ impl Reconstructor {
         Sighting { band, image, std_mm: feature.centre_std_px.map(|std_px| std_px * sensor.pitch_mm) }
     }
 
-    /// The point of one group on a surface with slopes; what was known of it before tells its size.
-    fn point(
-        &self,
-        detections: &[Detection],
-        group: &Group,
-        before: Option<&Placed>,
-        slopes: [f64; 2],
-    ) -> Option<Placed> {
-        let feature = |band: usize| group.feature(band).map(|index| detections[band].features[index]);
-        let features = [feature(0)?, feature(1)?];
-        let further: Vec<Option<Feature>> = (2..2 + group.further.len()).map(feature).collect();
+    /// The point of one group by its pair alone, on a surface that faces the camera.
+    fn point(&self, detections: &[Detection], group: &Group, sightings: &mut Vec<Sighting>) -> Option<Placed> {
+        let Match { telecentric, entocentric, azimuth_residual_px, ambiguous } = group.pair;
+        let features = [detections[0].features[telecentric], detections[1].features[entocentric]];
         let measured = [self.sighting(0, &features[0]), self.sighting(1, &features[1])];
-        let start_mm = match before {
-            Some(placed) => placed.point.position_mm,
-            None => first_order_position_mm(&self.instrument, &self.model, &measured)?,
+        let (position, diameter_mm) = if self.options.mode == Mode::Paper {
+            let position = paper_position(&self.instrument, &self.model, &measured)?;
+            (position, self.apparent_diameter_mm(&features, position.position_mm[2]))
+        } else {
+            let start_mm = first_order_position_mm(&self.instrument, &self.model, &measured)?;
+            let diameter_mm = self.apparent_diameter_mm(&features, start_mm[2]);
+            sightings.clear();
+            sightings.extend_from_slice(&measured);
+            (model_position(&self.model, sightings, &Disc { diameter_mm, slopes: [0.0; 2] }, start_mm)?, diameter_mm)
         };
-        // A tilted disc looks smaller by the cosine of its tilt.
-        let foreshortening = 1.0 / (1.0 + slopes[0].powi(2) + slopes[1].powi(2)).sqrt();
-        let diameter_mm = self.apparent_diameter_mm(&features, start_mm[2]) / foreshortening.sqrt();
-        let mut sightings = measured.to_vec();
-        let others =
-            further.iter().enumerate().filter_map(|(k, feature)| Some(self.sighting(2 + k, feature.as_ref()?)));
-        sightings.extend(others);
-        let position = match self.options.mode {
-            Mode::Paper => paper_position(&self.instrument, &self.model, &measured),
-            Mode::Centroid | Mode::Model => {
-                model_position(&self.model, &sightings, &Disc { diameter_mm, slopes }, start_mm)
-            }
-        }?;
-        let Position { position_mm, covariance_mm2, chi2 } = position;
-        let Match { azimuth_residual_px, ambiguous, .. } = group.pair;
         // What a pair leaves is how far it lies beside its azimuth.
-        let (match_chi2, match_dof) = match sightings.len() {
-            2 => {
-                let azimuth_std_px =
-                    features.iter().map(|f| f.centre_std_px[0].max(f.centre_std_px[1])).fold(0.0, f64::hypot);
-                ((azimuth_residual_px / azimuth_std_px.max(1e-9)).powi(2), 1)
-            }
-            images => (chi2, 2 * images - 3),
-        };
-        let finite = position_mm.iter().chain(&position.std_mm()).all(|value| value.is_finite());
+        let azimuth_std_px =
+            features.iter().map(|f| f.centre_std_px[0].max(f.centre_std_px[1]).powi(2)).sum::<f64>().sqrt();
         let point = Point {
-            position_mm,
-            std_mm: position.std_mm(),
-            covariance_mm2: std::array::from_fn(|i| std::array::from_fn(|k| covariance_mm2[(i, k)])),
-            match_chi2,
-            match_dof,
+            position_mm: [0.0; 3],
+            std_mm: [0.0; 3],
+            covariance_mm2: [[0.0; 3]; 3],
+            match_chi2: (azimuth_residual_px / azimuth_std_px.max(1e-9)).powi(2),
+            match_dof: 1,
             pixel_chi2: None,
             gamma: gamma(&measured),
             telecentric: features[0],
@@ -508,7 +555,28 @@ impl Reconstructor {
             diameter_mm,
             ambiguous,
         };
-        finite.then_some(Placed { point, further })
+        let mut placed = Placed { point, further: Vec::new() };
+        placed.settle(&position, diameter_mm).then_some(placed)
+    }
+
+    /// Places a point anew on a surface with slopes, by what all bands show of it; what was known of it tells its size.
+    fn place_again(&self, placed: &mut Placed, slopes: [f64; 2], sightings: &mut Vec<Sighting>) {
+        let features = [placed.point.telecentric, placed.point.entocentric];
+        let start_mm = placed.point.position_mm;
+        // A tilted disc looks smaller by the cosine of its tilt.
+        let foreshortening = 1.0 / (1.0 + slopes[0].powi(2) + slopes[1].powi(2)).sqrt();
+        let diameter_mm = self.apparent_diameter_mm(&features, start_mm[2]) / foreshortening.sqrt();
+        sightings.clear();
+        sightings.extend(features.iter().enumerate().map(|(band, feature)| self.sighting(band, feature)));
+        let further = placed.further.iter().enumerate();
+        sightings.extend(further.filter_map(|(k, feature)| Some(self.sighting(2 + k, feature.as_ref()?))));
+        let disc = Disc { diameter_mm, slopes };
+        if let Some(position) = model_position(&self.model, sightings, &disc, start_mm)
+            && placed.settle(&position, diameter_mm)
+            && sightings.len() > 2
+        {
+            (placed.point.match_chi2, placed.point.match_dof) = (position.chi2, 2 * sightings.len() - 3);
+        }
     }
 
     /// Diameter of the disc of the outlines' area, facing the camera: from the larger of the two outlines, since the
@@ -525,4 +593,24 @@ impl Reconstructor {
         });
         diameters_mm[0].max(diameters_mm[1])
     }
+}
+
+/// A point as the fit starts from it.
+fn seed(placed: &Placed, detections: &[Detection]) -> Seed {
+    let contrasts = detections
+        .iter()
+        .enumerate()
+        .map(|(band, detection)| placed.feature(band).map(|feature| sign(detection) * feature.height_codes));
+    Seed {
+        centre_mm: placed.point.position_mm,
+        diameter_mm: placed.point.diameter_mm,
+        contrast: contrasts.collect(),
+        placed: true,
+        doubtful: placed.point.telecentric.overlapped || placed.point.entocentric.overlapped,
+    }
+}
+
+/// Of the contrasts of a plane's features.
+fn sign(detection: &Detection) -> f64 {
+    if detection.polarity == Polarity::Bright { 1.0 } else { -1.0 }
 }
