@@ -37,22 +37,22 @@ const POSITIONS: [f32; LINES] = [
     -0.982_973_1,
 ];
 const WEIGHTS: [f32; LINES] = [
-    0.033_956_831_5,
-    0.066_757_304,
+    0.033_956_833,
+    0.066_757_31,
     0.097_284_436,
     0.124_498_664,
     0.147_473_24,
     0.165_425_79,
-    0.177_744_963,
+    0.177_744_97,
     0.184_011_25,
     0.184_011_25,
-    0.177_744_963,
+    0.177_744_97,
     0.165_425_79,
     0.147_473_24,
     0.124_498_664,
     0.097_284_436,
-    0.066_757_304,
-    0.033_956_831_5,
+    0.066_757_31,
+    0.033_956_833,
 ];
 
 /// Samples and the edge of the dot that is nearest to each.
@@ -121,9 +121,9 @@ impl Dots {
             low: [-1.0; LANES],
             high: [1.0; LANES],
         };
-        for lane in 0..LANES {
+        for (lane, outwards_px) in outwards_px.iter().enumerate() {
             let (cos, sin) = (edges.normal_u[lane], edges.normal_v[lane]);
-            let (u, v) = (edges.du[lane] + outwards_px[lane] * cos, edges.dv[lane] + outwards_px[lane] * sin);
+            let (u, v) = (edges.du[lane] + outwards_px * cos, edges.dv[lane] + outwards_px * sin);
             let turn = |u: f32, v: f32| [xx * u + xy * v, yx * u + yy * v];
             let start = turn(u, v);
             let blur_px = local.blur_px + local.blur_growth_px * start[0] / local.radius_px;
@@ -140,7 +140,7 @@ impl Dots {
             dots.skew_along[lane] = skew_along;
             // No line beyond the edge's tangent meets the dot.
             let edge = &edges.view[lane];
-            let reach = ((1.0 - edge.q) * edge.px - outwards_px[lane]) / blur_px;
+            let reach = ((1.0 - edge.q) * edge.px - outwards_px) / blur_px;
             let reach = reach + 0.01 * reach.abs().copysign(blur_px);
             dots.high[lane] = if blur_px > 0.0 { reach.min(1.0) } else { 1.0 };
             dots.low[lane] = if blur_px > 0.0 { -1.0 } else { reach.max(-1.0) };
