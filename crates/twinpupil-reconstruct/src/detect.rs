@@ -103,7 +103,7 @@ pub fn detect(plane: &PlaneView<'_>, noise: Option<&Noise>, options: &DetectOpti
 /// Finds features in one plane after another and keeps its buffers, so that it allocates next to nothing once it is warm.
 #[derive(Debug, Clone, Default)]
 pub struct Detector {
-    options: DetectOptions,
+    pub(crate) options: DetectOptions,
     survey: Survey,
     contrast: Contrast,
     search: Search,
@@ -419,7 +419,7 @@ impl Measure<'_> {
         let (mut at_limit, mut pixels) = (0, 0);
         for (row, columns) in self.scout.runs_of(blob) {
             let line = self.plane.line(row)[columns.start * step..].iter().step_by(step);
-            at_limit += line.take(columns.len()).filter(|code| **code == code_max).count();
+            at_limit += line.take(columns.len()).filter(|code| **code >= code_max).count();
             pixels += columns.len();
         }
         50 * at_limit > pixels

@@ -1,8 +1,7 @@
 //! The planes of one frame, freed of crosstalk, with the noise of their codes.
 
-use std::borrow::Cow;
-
-use twinpupil_instrument::{Frame, FrameError, Instrument, PlaneView};
+use smallvec::SmallVec;
+use twinpupil_instrument::{Frame, FrameError, FrameView, Instrument, PlaneView};
 
 use crate::noise::Noise;
 use crate::unmix::Crosstalk;
@@ -10,9 +9,14 @@ use crate::unmix::Crosstalk;
 /// A frame without crosstalk.
 pub(crate) struct Planes<'a> {
     instrument: &'a Instrument,
-    frame: Cow<'a, Frame>,
+    codes: Codes<'a>,
     /// In the order of the instrument's bands.
-    noises: Vec<Noise>,
+    noises: SmallVec<[Noise; 4]>,
+}
+
+enum Codes<'a> {
+    AsRead(FrameView<'a>),
+    Unmixed(Frame),
 }
 
 impl<'a> Planes<'a> {
@@ -20,19 +24,23 @@ impl<'a> Planes<'a> {
     pub(crate) fn of(
         instrument: &'a Instrument,
         crosstalk: Option<&Crosstalk>,
-        frame: &'a Frame,
+        frame: FrameView<'a>,
     ) -> Result<Self, FrameError> {
         let noise = Noise::of_sensor(&instrument.sensor, frame.code_max());
         let Some(crosstalk) = crosstalk else {
-            let noises = vec![noise; instrument.bands.len()];
-            return Ok(Self { instrument, frame: Cow::Borrowed(frame), noises });
+            let noises = SmallVec::from_elem(noise, instrument.bands.len());
+            return Ok(Self { instrument, codes: Codes::AsRead(frame), noises });
         };
         let noises = (0..instrument.bands.len()).map(|band| crosstalk.noise(band, noise)).collect();
-        Ok(Self { instrument, frame: Cow::Owned(crosstalk.unmixed(frame, instrument)?), noises })
+        Ok(Self { instrument, codes: Codes::Unmixed(crosstalk.unmixed(frame, instrument)?), noises })
     }
 
     /// The plane of a band, by its index in the instrument.
     pub(crate) fn of_band(&self, band: usize) -> Result<(PlaneView<'_>, Noise), FrameError> {
-        Ok((self.instrument.plane(&self.frame, &self.instrument.bands[band])?, self.noises[band]))
+        let frame = match &self.codes {
+            Codes::AsRead(frame) => *frame,
+            Codes::Unmixed(frame) => frame.into(),
+        };
+        Ok((self.instrument.plane(frame, &self.instrument.bands[band])?, self.noises[band]))
     }
 }
