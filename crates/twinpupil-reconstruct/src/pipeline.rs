@@ -14,7 +14,7 @@ use crate::likelihood::joint::Workspace;
 use crate::likelihood::refine::{ForwardModel, Refined, Seed};
 use crate::matching::{Match, MatchOptions, pair_up};
 use crate::model::{Disc, Model};
-use crate::noise::Noise;
+use crate::noise::{Noise, NoiseSource};
 use crate::planes::Planes;
 use crate::position::{Position, Sighting, first_order_position_mm, gamma, model_position, paper_position};
 use crate::register::{mapped_centre, onto_reference};
@@ -45,6 +45,8 @@ pub struct Options {
     pub detect: DetectOptions,
     /// How features are paired.
     pub matching: MatchOptions,
+    /// Where the noise of pixels is known from.
+    pub noise: NoiseSource,
 }
 
 /// A point in space and what it was computed from.
@@ -171,7 +173,7 @@ impl Reconstructor {
         if found_px != self.instrument.sensor.size_px {
             return Err(ReconstructError::Size { found_px, sensor_px: self.instrument.sensor.size_px });
         }
-        let planes = Planes::of(&self.instrument, self.crosstalk.as_ref(), frame)?;
+        let planes = self.planes(frame)?;
         // The paper knows of two bands.
         let bands = if self.options.mode == Mode::Paper { 2 } else { self.model.bands() };
         let detections = (0..bands).map(|band| self.detect_plane(&planes, band)).collect::<Result<Vec<_>, _>>()?;
@@ -335,11 +337,15 @@ impl Reconstructor {
 
     /// The features of a band, by its index in the instrument; none where there is no such band.
     pub fn detect_band(&self, frame: &Frame, index: usize) -> Result<Detection, FrameError> {
-        let planes = Planes::of(&self.instrument, self.crosstalk.as_ref(), frame)?;
+        let planes = self.planes(frame)?;
         match (0..self.model.bands()).find(|band| self.model.index(*band) == index) {
             Some(band) => self.detect_plane(&planes, band),
             None => Ok(Detection::default()),
         }
+    }
+
+    fn planes<'a>(&'a self, frame: &'a Frame) -> Result<Planes<'a>, FrameError> {
+        Planes::of(&self.instrument, self.crosstalk.as_ref(), frame, self.options.noise)
     }
 
     fn detect_plane(&self, planes: &Planes<'_>, band: usize) -> Result<Detection, FrameError> {

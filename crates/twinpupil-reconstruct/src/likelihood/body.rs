@@ -3,6 +3,7 @@
 use nalgebra::{Matrix3, Matrix4, Vector3, Vector4};
 use twinpupil_instrument::PixelPoint;
 
+use crate::likelihood::illumination::shift_px;
 use crate::likelihood::normal::{Normal, Shape};
 use crate::likelihood::spot::{Dot, Spot, SpotJacobian};
 
@@ -63,7 +64,9 @@ impl BandLight {
         let score: Vector3<f64> = shape.score.fixed_rows::<3>(0).into_owned();
         let covariance = information.try_inverse()?;
         let step = covariance * score;
-        let [u, v] = self.spot.centre_px;
+        // The centre is that of the dot, not of its light.
+        let [du, dv] = shift_px(&self.spot, self.illumination_slope);
+        let [u, v] = [self.spot.centre_px[0] - du, self.spot.centre_px[1] - dv];
         Some(OwnCentre {
             centre: PixelPoint { u: u + step.x, v: v + step.y },
             std_px: [covariance[(0, 0)].max(0.0).sqrt(), covariance[(1, 1)].max(0.0).sqrt()],

@@ -5,6 +5,7 @@ use twinpupil_instrument::PlaneView;
 
 use crate::likelihood::black::Black;
 use crate::likelihood::body::{BandLight, Body};
+use crate::likelihood::illumination::shift_px;
 use crate::likelihood::light::{Light, Places};
 use crate::likelihood::normal::{Lines, Normal, UNKNOWNS, dot};
 use crate::likelihood::pencil::Pencil;
@@ -151,6 +152,7 @@ impl Joint<'_> {
             if let Some(light) = light {
                 light.spot = view.spot(dot);
                 light.spot.soften(softening_px);
+                light.spot.shift(shift_px(&light.spot, light.illumination_slope));
                 light.jacobian = Spot::jacobian(dot, view.pencil, view.page, view.aberration_mm);
             }
         }

@@ -1,8 +1,9 @@
 //! Maximum likelihood: the dots whose modelled light explains the pixels best.
 
-mod black;
+pub(crate) mod black;
 pub(crate) mod body;
 mod cut;
+mod illumination;
 pub(crate) mod joint;
 mod light;
 mod normal;

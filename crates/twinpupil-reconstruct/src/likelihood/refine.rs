@@ -5,8 +5,10 @@ use twinpupil_instrument::{Instrument, PlaneView, ResponseTable};
 
 use crate::likelihood::black::Black;
 use crate::likelihood::body::{Body, OwnCentre};
+use crate::likelihood::illumination::set_illumination;
 use crate::likelihood::joint::{BandView, Joint, Workspace};
 use crate::likelihood::pencil::Pencil;
+use crate::likelihood::samples::Samples;
 use crate::likelihood::spot::{Dot, Page};
 use crate::noise::Noise;
 use crate::slope::local_slopes;
@@ -74,6 +76,9 @@ const SWEEPS: usize = 16;
 /// Rounds before which the slopes of surfaces are found: from the first positions, and when they are settled again.
 const SLOPE_ROUNDS: [usize; 5] = [0, 1, 2, 3, 5];
 
+/// Rounds before which it is found how the light grows: from about where the dots are, and from where they are.
+const LIGHT_ROUNDS: [usize; 2] = [1, 3];
+
 /// From this round on only dots that have settled tell the slope of their neighbours' surface.
 const SETTLED_ROUND: usize = 3;
 
@@ -114,10 +119,14 @@ impl ForwardModel {
             })
             .collect();
         let bodies = seeds.iter().map(|seed| body(seed, &views, background)).collect();
+        let mut samples = Samples::default();
         let mut joint = Joint { bands: &views, bodies };
         for round in 0..SWEEPS {
             if SLOPE_ROUNDS.contains(&round) {
                 set_slopes(&mut joint.bodies, seeds, round < SETTLED_ROUND);
+            }
+            if LIGHT_ROUNDS.contains(&round) {
+                set_illumination(&views, &mut joint.bodies, &mut samples);
             }
             joint.meet_neighbours(workspace);
             joint.sweep(workspace);

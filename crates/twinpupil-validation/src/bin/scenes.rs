@@ -12,7 +12,7 @@ fn main() -> io::Result<()> {
     let mut out = io::stdout().lock();
     writeln!(
         out,
-        "  {:<55}  found           false  rms z, µm  bound, µm  error/bound  error/σ      time",
+        "  {:<55}  found           false  rms z, µm  bound, µm  error/bound  error/σ      time  rejected",
         "camera and scene"
     )?;
     for case in all() {
@@ -24,7 +24,7 @@ fn main() -> io::Result<()> {
             let score = case.score(camera, 7000);
             writeln!(
                 out,
-                "  {name:<55}  {:>3} of {:<3} {:>3.0} %  {:>3}    {:>7.2}    {:>7.2}         {:5.2}    {:5.2}  {:>6.1} ms",
+                "  {name:<55}  {:>3} of {:<3} {:>3.0} %  {:>3}    {:>7.2}    {:>7.2}         {:5.2}    {:5.2}  {:>6.1} ms  {:?}",
                 score.found.len(),
                 score.whole,
                 100.0 * score.recall(),
@@ -34,6 +34,7 @@ fn main() -> io::Result<()> {
                 score.error_over_bound(),
                 score.error_over_std(),
                 1000.0 * score.time().as_secs_f64(),
+                score.rejected,
             )?;
             for e in score.found.iter().filter(|_| verbose) {
                 let [x_mm, y_mm, z_mm] = e.centre_mm;

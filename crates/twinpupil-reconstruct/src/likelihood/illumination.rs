@@ -1,0 +1,270 @@
+//! Light that falls unevenly: how it grows across every dot, from the dot's own pixels and from all dots together.
+
+use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
+
+use crate::likelihood::body::{BandLight, Body};
+use crate::likelihood::joint::BandView;
+use crate::likelihood::light::Places;
+use crate::likelihood::samples::{Rings, Samples};
+use crate::likelihood::spot::Spot;
+
+/// Relative growth of the light along u and v, 1/px, and what is known of it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Growth {
+    slope: Vector2<f64>,
+    information: Matrix2<f64>,
+}
+
+/// Growth is believed if it is this significant: χ² of two unknowns that chance exceeds once in 3000 times.
+const SIGNIFICANT_CHI2: f64 = 16.0;
+
+/// Pixels this near to where the edge should end may belong to it, px and share of the radius.
+const DOUBT_PX: f64 = 2.0;
+const DOUBT_SHARE: f64 = 0.05;
+
+/// A change of the growth that moves a dot's light by so much wakes it, and the step that it then seems to have made.
+const FELT_PX: f64 = 0.003;
+const FELT_SIGMAS: f64 = 20.0;
+
+/// Finds how the light grows across every body in every band.
+pub(crate) fn set_illumination(views: &[BandView<'_>], bodies: &mut [Body], samples: &mut Samples) {
+    for (band, view) in views.iter().enumerate() {
+        let own: Vec<Option<Growth>> = bodies.iter().map(|body| own_growth(view, body, band, samples)).collect();
+        let field = Field::through(bodies, &own, band);
+        for (body, own) in bodies.iter_mut().zip(own) {
+            let Body { alive: true, bands, step_sigmas, .. } = body else { continue };
+            let Some(light) = &mut bands[band] else { continue };
+            let growth = field.as_ref().map(|field| field.at(light.spot.centre_px));
+            let known = own.into_iter().chain(growth).reduce(Growth::and);
+            let slope = known.filter(Growth::is_significant).map_or([0.0; 2], |growth| growth.slope.into());
+            let before_px = shift_px(&light.spot, light.illumination_slope);
+            let after_px = shift_px(&light.spot, slope);
+            light.illumination_slope = slope;
+            if (after_px[0] - before_px[0]).hypot(after_px[1] - before_px[1]) > FELT_PX {
+                *step_sigmas = step_sigmas.max(FELT_SIGMAS);
+            }
+        }
+    }
+}
+
+/// How far the light of a spot seems moved where the illumination grows, px.
+///
+/// A pixel at p outside an edge gets light from where the dot is, not from p. With the dot D, the blur B of radius b, and
+/// light that grows by g,
+///
+/// ```text
+/// (1 + g·p) D ∗ B = (1 + g·p)(D ∗ B) − D ∗ (g·s B) ≈ (1 + g·p) (D ∗ B)(p + b²/4 g)
+/// ```
+///
+/// since s B is the gradient of a bump of mass b²/4.
+pub(crate) fn shift_px(spot: &Spot, growth: [f64; 2]) -> [f64; 2] {
+    growth.map(|growth| -0.25 * spot.blur_px * spot.blur_px * growth)
+}
+
+impl Growth {
+    fn and(self, other: Self) -> Self {
+        let information = self.information + other.information;
+        let sum = self.information * self.slope + other.information * other.slope;
+        match information.try_inverse() {
+            Some(covariance) => Self { slope: covariance * sum, information },
+            None => self,
+        }
+    }
+
+    fn is_significant(&self) -> bool {
+        self.slope.dot(&(self.information * self.slope)) > SIGNIFICANT_CHI2
+    }
+}
+
+/// What the pixels show that a dot fills, and those of the ground about it: both change by the same share.
+fn own_growth(view: &BandView<'_>, body: &Body, band: usize, samples: &mut Samples) -> Option<Growth> {
+    let light = body.bands[band].as_ref().filter(|_| body.alive && !body.has_neighbours)?;
+    let spot = &light.spot;
+    if spot.is_clipped() {
+        return None;
+    }
+    let doubt_px = DOUBT_PX.max(DOUBT_SHARE * spot.radius_px);
+    let foot_px = spot.reach_px() + doubt_px;
+    samples.gather(
+        &view.plane,
+        &Rings {
+            centre_px: spot.centre_px,
+            window_px: foot_px + doubt_px.max(2.0 * view.plane.step_px as f64),
+            full_px: (spot.full_px() - doubt_px).max(0.0),
+        },
+    );
+    let Samples { places, codes, full_places, full_codes } = &*samples;
+    let full = Region::of(view, light, light.contrast + light.background, 0.0, full_places, full_codes);
+    let ground = Region::of(view, light, light.background, foot_px, places, codes);
+    let (information, score) = [full, ground].iter().fold((Matrix2::zeros(), Vector2::zeros()), |(i, s), region| {
+        (i + region.information, s + region.score)
+    });
+    let covariance = information.try_inverse()?;
+    Some(Growth { slope: covariance * score, information })
+}
+
+/// `Σ w L² d dᵀ` and `Σ w L d c` over pixels of one level L, with their means taken off.
+#[derive(Debug, Clone, Copy, Default)]
+struct Region {
+    information: Matrix2<f64>,
+    score: Vector2<f64>,
+}
+
+impl Region {
+    /// Of the pixels beyond a distance from the centre, without those that are far from their level: those are stuck.
+    fn of(view: &BandView<'_>, light: &BandLight, level: f64, from_px: f64, places: &Places, codes: &[f32]) -> Self {
+        const FAR_SHARE: f64 = 0.5;
+        const FAR_SIGMAS: f64 = 6.0;
+        const FEWEST: f64 = 30.0;
+        let variance = view.noise.variance(level + view.noise.black_level);
+        let far = (FAR_SIGMAS * variance.sqrt()).max(FAR_SHARE * level);
+        // Near black, codes do not follow the light.
+        if level <= f64::from(view.black.light_max).max(0.0) {
+            return Self::default();
+        }
+        let from_px2 = (from_px * from_px) as f32;
+        let [gu, gv] = light.illumination_slope;
+        let saturated = f32::from(view.plane.code_max);
+        let (mut count, mut sums, mut code_sum) = (0.0, Vector2::zeros(), 0.0);
+        let (mut squares, mut products) = (Matrix2::zeros(), Vector2::zeros());
+        for (code, (du, dv)) in codes.iter().zip(places.du.iter().zip(&places.dv)) {
+            if du * du + dv * dv < from_px2 || *code >= saturated {
+                continue;
+            }
+            let place = Vector2::new(f64::from(*du), f64::from(*dv));
+            let read = f64::from(*code) - view.noise.black_level - level;
+            if (read - level * (gu * place.x + gv * place.y)).abs() > far {
+                continue;
+            }
+            count += 1.0;
+            sums += place;
+            code_sum += read;
+            squares += place * place.transpose();
+            products += place * read;
+        }
+        if count < FEWEST {
+            return Self::default();
+        }
+        let mean = sums / count;
+        Self {
+            information: (squares - mean * sums.transpose()) * (level * level / variance),
+            score: (products - mean * code_sum) * (level / variance),
+        }
+    }
+}
+
+/// Unknowns of the field: the logarithm of the light, its slopes and its curvatures.
+const UNKNOWNS: usize = 6;
+
+/// The light over the whole frame in one band: its logarithm is a quadratic.
+///
+/// ```text
+/// ln I = c + a x + b y + d x²/2 + e x y + f y²/2
+/// ```
+#[derive(Debug, Clone)]
+struct Field {
+    centre_px: [f64; 2],
+    unknowns: SVector<f64, UNKNOWNS>,
+    covariance: SMatrix<f64, UNKNOWNS, UNKNOWNS>,
+    /// Variance of the slope of single dots about that of the field, 1/px².
+    scatter: f64,
+}
+
+/// Length in which places are counted, px.
+const UNIT_PX: f64 = 1000.0;
+
+/// What slopes and curvatures are thought to be beforehand, over that length.
+const SLOPE_STD: f64 = 3.0;
+const CURVATURE_STD: f64 = 1.0;
+
+/// Dots are no more alike than this, relative; and how many tell a field.
+const LEVEL_STD_MIN: f64 = 0.002;
+const DOTS_MIN: usize = 6;
+
+impl Field {
+    /// Through the slopes that single dots show, and through their brightness as far as they are alike.
+    fn through(bodies: &[Body], own: &[Option<Growth>], band: usize) -> Option<Self> {
+        const ROUNDS: usize = 4;
+        const FAR_SIGMAS: f64 = 3.0;
+        let lights: Vec<(&BandLight, Option<Growth>)> = bodies
+            .iter()
+            .zip(own)
+            .filter(|(body, _)| body.alive && body.z_prior_mm.is_none())
+            .filter_map(|(body, own)| Some((body.bands[band].as_ref().filter(|light| light.contrast != 0.0)?, *own)))
+            .collect();
+        if lights.len() < DOTS_MIN {
+            return None;
+        }
+        let count = lights.len() as f64;
+        let centre_px = [0, 1].map(|k| lights.iter().map(|(light, _)| light.spot.centre_px[k]).sum::<f64>() / count);
+        let scatter = f64::INFINITY;
+        let mut field = Self { centre_px, unknowns: SVector::zeros(), covariance: SMatrix::zeros(), scatter };
+        let mut level_std = 1.0_f64;
+        let mut kept: Vec<bool> = vec![true; lights.len()];
+        for _ in 0..ROUNDS {
+            let mut information = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::zeros();
+            let mut score = SVector::<f64, UNKNOWNS>::zeros();
+            for k in 1..UNKNOWNS {
+                information[(k, k)] += if k < 3 { SLOPE_STD } else { CURVATURE_STD }.powi(-2);
+            }
+            for ((light, own), kept) in lights.iter().zip(&kept) {
+                let [level, along_u, along_v] = field.rows(light.spot.centre_px);
+                if *kept {
+                    information += level * level.transpose() * level_std.powi(-2);
+                    score += level * (light.contrast.abs().ln() * level_std.powi(-2));
+                }
+                if let Some(Growth { slope, information: known }) = own.filter(|_| field.scatter.is_finite()) {
+                    // Dots whose own pixels say it well count no more than they are alike.
+                    let covariance = known.try_inverse().unwrap_or_default() + Matrix2::identity() * field.scatter;
+                    let known = covariance.try_inverse().unwrap_or_default() * UNIT_PX.powi(-2);
+                    let rows = SMatrix::<f64, 2, UNKNOWNS>::from_rows(&[along_u.transpose(), along_v.transpose()]);
+                    information += rows.transpose() * known * rows;
+                    score += rows.transpose() * known * (slope * UNIT_PX);
+                }
+            }
+            field.covariance = information.try_inverse()?;
+            field.unknowns = field.covariance * score;
+            let off = |light: &BandLight| {
+                (light.contrast.abs().ln() - field.rows(light.spot.centre_px)[0].dot(&field.unknowns)).abs()
+            };
+            let median = |mut values: Vec<f64>| {
+                values.sort_by(f64::total_cmp);
+                values.get(values.len() / 2).copied()
+            };
+            let offs: Vec<f64> = lights.iter().map(|(light, _)| off(light)).collect();
+            level_std = (1.4826 * median(offs.clone())?).max(LEVEL_STD_MIN);
+            kept = offs.iter().map(|off| *off < FAR_SIGMAS * level_std).collect();
+            let squares = lights.iter().filter_map(|(light, own)| {
+                let off = own.as_ref()?.slope - field.slope_at(light.spot.centre_px);
+                let noise = own.as_ref()?.information.try_inverse()?.trace();
+                Some((off.norm_squared() - noise).max(0.0))
+            });
+            field.scatter = median(squares.collect()).unwrap_or(0.0);
+        }
+        Some(field)
+    }
+
+    /// What the unknowns do to the logarithm of the light at a place, and to its slopes along u and v over the unit.
+    fn rows(&self, [u_px, v_px]: [f64; 2]) -> [SVector<f64, UNKNOWNS>; 3] {
+        let (x, y) = ((u_px - self.centre_px[0]) / UNIT_PX, (v_px - self.centre_px[1]) / UNIT_PX);
+        [
+            SVector::from([1.0, x, y, 0.5 * x * x, x * y, 0.5 * y * y]),
+            SVector::from([0.0, 1.0, 0.0, x, y, 0.0]),
+            SVector::from([0.0, 0.0, 1.0, 0.0, x, y]),
+        ]
+    }
+
+    fn slope_at(&self, place_px: [f64; 2]) -> Vector2<f64> {
+        let [_, along_u, along_v] = self.rows(place_px);
+        Vector2::new(along_u.dot(&self.unknowns), along_v.dot(&self.unknowns)) / UNIT_PX
+    }
+
+    /// The growth at a place, and how well it is known for a dot there.
+    fn at(&self, place_px: [f64; 2]) -> Growth {
+        let [_, along_u, along_v] = self.rows(place_px);
+        let rows = SMatrix::<f64, 2, UNKNOWNS>::from_rows(&[along_u.transpose(), along_v.transpose()]);
+        let covariance =
+            rows * self.covariance * rows.transpose() / (UNIT_PX * UNIT_PX) + Matrix2::identity() * self.scatter;
+        Growth { slope: self.slope_at(place_px), information: covariance.try_inverse().unwrap_or_default() }
+    }
+}
