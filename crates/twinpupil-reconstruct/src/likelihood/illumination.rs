@@ -1,10 +1,10 @@
 //! Light that falls unevenly: how it grows across every dot, from the dot's own pixels and from all dots together.
 
-use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
+use nalgebra::{Matrix2, Matrix6, SMatrix, SVector, Vector2};
 
 use crate::likelihood::body::{BandLight, Body};
-use crate::likelihood::joint::BandView;
-use crate::likelihood::light::Places;
+use crate::likelihood::joint::{BandView, Joint, Workspace};
+use crate::likelihood::light::{Light, Places};
 use crate::likelihood::samples::{Rings, Samples};
 use crate::likelihood::spot::Spot;
 
@@ -27,11 +27,12 @@ const FELT_PX: f64 = 0.003;
 const FELT_SIGMAS: f64 = 20.0;
 
 /// Finds how the light grows across every body in every band.
-pub(crate) fn set_illumination(views: &[BandView<'_>], bodies: &mut [Body], samples: &mut Samples) {
-    for (band, view) in views.iter().enumerate() {
-        let own: Vec<Option<Growth>> = bodies.iter().map(|body| own_growth(view, body, band, samples)).collect();
-        let field = Field::through(bodies, &own, band);
-        for (body, own) in bodies.iter_mut().zip(own) {
+pub(crate) fn set_illumination(joint: &mut Joint<'_>, workspace: &mut Workspace) {
+    for band in 0..joint.bands.len() {
+        let own: Vec<Option<Growth>> =
+            (0..joint.bodies.len()).map(|index| own_growth(joint, index, band, workspace)).collect();
+        let field = Field::through(&joint.bodies, &own, band);
+        for (body, own) in joint.bodies.iter_mut().zip(own) {
             let Body { alive: true, bands, step_sigmas, .. } = body else { continue };
             let Some(light) = &mut bands[band] else { continue };
             let growth = field.as_ref().map(|field| field.at(light.spot.centre_px));
@@ -61,6 +62,24 @@ pub(crate) fn shift_px(spot: &Spot, growth: [f64; 2]) -> [f64; 2] {
     growth.map(|growth| -0.25 * spot.blur_px * spot.blur_px * growth)
 }
 
+/// Mends the light of a spot that seems moved far: its edges are as steep as those of a narrower blur.
+///
+/// The bump of [`shift_px`] is `∫ t³ B_t dt/b²` over the discs B_t up to the blur's radius b, whose mean radius is 4/5 b:
+/// the light changes as does that of an edge with such a blur.
+pub(crate) fn bend(own: &mut Light, light: &BandLight, places: &Places, narrow: &mut Light) {
+    const NARROW: f64 = 0.8;
+    const FELT_PX: f64 = 0.05;
+    let [du, dv] = shift_px(&light.spot, light.illumination_slope);
+    if du.hypot(dv) < FELT_PX {
+        return;
+    }
+    narrow.fill(&light.spot.narrowed(NARROW), places);
+    let (du, dv) = (du as f32, dv as f32);
+    for (k, share) in own.light.iter_mut().enumerate() {
+        *share += du * (narrow.with_u[k] - own.with_u[k]) + dv * (narrow.with_v[k] - own.with_v[k]);
+    }
+}
+
 impl Growth {
     fn and(self, other: Self) -> Self {
         let information = self.information + other.information;
@@ -76,9 +95,71 @@ impl Growth {
     }
 }
 
+/// What a dot's own pixels show.
+fn own_growth(joint: &Joint<'_>, index: usize, band: usize, workspace: &mut Workspace) -> Option<Growth> {
+    let body = &joint.bodies[index];
+    let light = body.bands[band].as_ref().filter(|_| body.alive)?;
+    let full_px = joint.rings(index, band, light, workspace).full_px;
+    flat_growth(&joint.bands[band], light, full_px, body.has_neighbours, &mut workspace.samples).or_else(|| {
+        // Where nothing is flat, the fit tells whether it is worth while.
+        let unexplained = light.normal.chi2 > UNEXPLAINED_CHI2 * light.normal.used as f64;
+        if unexplained { modelled_growth(joint, index, band, workspace) } else { None }
+    })
+}
+
+/// χ² over its pixels from which a dot without flat places is looked at closely.
+const UNEXPLAINED_CHI2: f64 = 1.3;
+
+/// What all pixels of a dot show, whatever its place, size, blur and light may be.
+fn modelled_growth(joint: &Joint<'_>, index: usize, band: usize, workspace: &mut Workspace) -> Option<Growth> {
+    const OTHERS: usize = 6;
+    let (view, light) = (&joint.bands[band], joint.bodies[index].bands[band].as_ref()?);
+    let spot = &light.spot;
+    let margin_px = DOUBT_PX.max(2.0 * view.plane.step_px as f64);
+    let window_px = spot.reach_px() + margin_px;
+    workspace.samples.gather(&view.plane, &Rings { centre_px: spot.centre_px, window_px, full_px: 0.0 });
+    joint.light_of_others(index, band, spot, workspace);
+    let Workspace { samples, others, .. } = workspace;
+    let mut modelled = Light::default();
+    modelled.fill(spot, &samples.places);
+    let (mut information, mut score) = (SMatrix::<f64, 8, 8>::zeros(), SVector::<f64, 8>::zeros());
+    let [gu, gv] = light.illumination_slope;
+    for (k, code) in samples.codes.iter().enumerate() {
+        let [du, dv] = [samples.places.du[k], samples.places.dv[k]].map(f64::from);
+        let lit = 1.0 + gu * du + gv * dv;
+        let [share, open] = [modelled.light[k], modelled.open[k]].map(f64::from);
+        let level = light.contrast * share + light.background * open;
+        let foreign = f64::from(others[k]);
+        let read = f64::from(*code) - view.noise.black_level;
+        if *code >= f32::from(view.plane.code_max) || read <= f64::from(view.black.light_max) {
+            continue;
+        }
+        let scale = light.contrast * lit;
+        let [u, v, radius, blur] =
+            [modelled.with_u[k], modelled.with_v[k], modelled.with_radius[k], modelled.with_blur[k]]
+                .map(|change| scale * f64::from(change));
+        let row = SVector::from([u, v, radius, blur, lit * share, lit * open, level * du, level * dv]);
+        let trust = 1.0 / view.noise.variance(view.noise.black_level + level * lit + foreign);
+        information += row * row.transpose() * trust;
+        score += row * ((read - foreign - level * lit) * trust);
+    }
+    // What the six others cannot explain as well.
+    let others: Matrix6<f64> = information.fixed_view::<OTHERS, OTHERS>(0, 0).into_owned();
+    let mixed = information.fixed_view::<2, OTHERS>(OTHERS, 0) * others.try_inverse()?;
+    let left = information.fixed_view::<2, 2>(OTHERS, OTHERS) - mixed * information.fixed_view::<OTHERS, 2>(0, OTHERS);
+    let score = score.fixed_rows::<2>(OTHERS) - mixed * score.fixed_rows::<OTHERS>(0);
+    let step = left.try_inverse()? * score;
+    Some(Growth { slope: Vector2::new(gu, gv) + step, information: left })
+}
+
 /// What the pixels show that a dot fills, and those of the ground about it: both change by the same share.
-fn own_growth(view: &BandView<'_>, body: &Body, band: usize, samples: &mut Samples) -> Option<Growth> {
-    let light = body.bands[band].as_ref().filter(|_| body.alive && !body.has_neighbours)?;
+fn flat_growth(
+    view: &BandView<'_>,
+    light: &BandLight,
+    full_px: f64,
+    has_neighbours: bool,
+    samples: &mut Samples,
+) -> Option<Growth> {
     let spot = &light.spot;
     if spot.is_clipped() {
         return None;
@@ -90,12 +171,14 @@ fn own_growth(view: &BandView<'_>, body: &Body, band: usize, samples: &mut Sampl
         &Rings {
             centre_px: spot.centre_px,
             window_px: foot_px + doubt_px.max(2.0 * view.plane.step_px as f64),
-            full_px: (spot.full_px() - doubt_px).max(0.0),
+            full_px: (full_px - doubt_px).max(0.0),
         },
     );
     let Samples { places, codes, full_places, full_codes } = &*samples;
     let full = Region::of(view, light, light.contrast + light.background, 0.0, full_places, full_codes);
-    let ground = Region::of(view, light, light.background, foot_px, places, codes);
+    // Neighbours shine on the ground.
+    let ground_level = if has_neighbours { 0.0 } else { light.background };
+    let ground = Region::of(view, light, ground_level, foot_px, places, codes);
     let (information, score) = [full, ground].iter().fold((Matrix2::zeros(), Vector2::zeros()), |(i, s), region| {
         (i + region.information, s + region.score)
     });

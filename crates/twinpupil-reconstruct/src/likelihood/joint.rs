@@ -5,7 +5,7 @@ use twinpupil_instrument::PlaneView;
 
 use crate::likelihood::black::Black;
 use crate::likelihood::body::{BandLight, Body};
-use crate::likelihood::illumination::shift_px;
+use crate::likelihood::illumination::{bend, shift_px};
 use crate::likelihood::light::{Light, Places};
 use crate::likelihood::normal::{Lines, Normal, UNKNOWNS, dot};
 use crate::likelihood::pencil::Pencil;
@@ -27,10 +27,11 @@ pub(crate) struct BandView<'a> {
 /// Buffers that are used again from spot to spot.
 #[derive(Debug, Default)]
 pub(crate) struct Workspace {
-    samples: Samples,
+    pub(crate) samples: Samples,
     own: Light,
+    narrow: Light,
     /// Light of others on the samples.
-    others: Vec<f32>,
+    pub(crate) others: Vec<f32>,
     near: Near,
     lines: Lines,
     neighbours: Vec<Vec<u32>>,
@@ -226,7 +227,7 @@ impl Joint<'_> {
     }
 
     /// The window about a spot, and the part of it that the spot fills and no other reaches.
-    fn rings(&self, index: usize, band: usize, light: &BandLight, workspace: &Workspace) -> Rings {
+    pub(crate) fn rings(&self, index: usize, band: usize, light: &BandLight, workspace: &Workspace) -> Rings {
         let [u_px, v_px] = light.spot.centre_px;
         let gap_px = |neighbour: &u32| {
             let spot = &self.bodies[*neighbour as usize].bands[band].as_ref()?.spot;
@@ -244,8 +245,9 @@ impl Joint<'_> {
     fn compare_edge(&self, index: usize, band: usize, asked: Asked, workspace: &mut Workspace) {
         let Some(light) = &self.bodies[index].bands[band] else { return };
         self.light_of_others(index, band, &light.spot, workspace);
-        let Workspace { samples: Samples { places, codes, .. }, own, others, lines, .. } = workspace;
+        let Workspace { samples: Samples { places, codes, .. }, own, narrow, others, lines, .. } = workspace;
         own.fill(&light.spot, places);
+        bend(own, light, places, narrow);
         let count = places.len();
         lines.resize(count);
         let [gu, gv] = light.growth();
@@ -269,7 +271,7 @@ impl Joint<'_> {
     }
 
     /// Light of the neighbours of a spot on its samples.
-    fn light_of_others(&self, index: usize, band: usize, spot: &Spot, workspace: &mut Workspace) {
+    pub(crate) fn light_of_others(&self, index: usize, band: usize, spot: &Spot, workspace: &mut Workspace) {
         let Workspace { samples, others, near, neighbours, .. } = workspace;
         others.clear();
         others.resize(samples.places.len(), 0.0);

@@ -8,7 +8,6 @@ use crate::likelihood::body::{Body, OwnCentre};
 use crate::likelihood::illumination::set_illumination;
 use crate::likelihood::joint::{BandView, Joint, Workspace};
 use crate::likelihood::pencil::Pencil;
-use crate::likelihood::samples::Samples;
 use crate::likelihood::spot::{Dot, Page};
 use crate::noise::Noise;
 use crate::slope::local_slopes;
@@ -119,16 +118,15 @@ impl ForwardModel {
             })
             .collect();
         let bodies = seeds.iter().map(|seed| body(seed, &views, background)).collect();
-        let mut samples = Samples::default();
         let mut joint = Joint { bands: &views, bodies };
         for round in 0..SWEEPS {
             if SLOPE_ROUNDS.contains(&round) {
                 set_slopes(&mut joint.bodies, seeds, round < SETTLED_ROUND);
             }
-            if LIGHT_ROUNDS.contains(&round) {
-                set_illumination(&views, &mut joint.bodies, &mut samples);
-            }
             joint.meet_neighbours(workspace);
+            if LIGHT_ROUNDS.contains(&round) {
+                set_illumination(&mut joint, workspace);
+            }
             joint.sweep(workspace);
             if joint.bodies.iter().all(Body::rests) {
                 break;
