@@ -224,17 +224,60 @@ impl Reconstructor {
         let mut seeds: Vec<Seed> = points.iter().flatten().map(seed).collect();
         let placed = seeds.len();
         seeds.extend(self.lone_seeds(detections, &signs, groups, &points));
-        let refined = self.forward.refine(planes, &seeds, &background, &mut Workspace::default());
-        for (point, refined) in points.iter_mut().filter(|point| point.is_some()).zip(refined.into_iter().take(placed))
-        {
-            if let (Some(point), Some(refined)) = (point, refined) {
-                const NOT_A_DISC: f64 = 0.05;
-                if refined.misfit < NOT_A_DISC {
-                    self.place(point, &refined);
-                }
+        let mut refined =
+            self.forward.refine(planes, &seeds, &background, &mut Workspace::default()).into_iter().take(placed);
+        let mut is_other = vec![false; points.len()];
+        for (place, is_other) in points.iter_mut().zip(&mut is_other) {
+            let Some(point) = place else { continue };
+            let is_saturated = point.point.telecentric.saturated || point.point.entocentric.saturated;
+            match refined.next().flatten().filter(Refined::is_disc) {
+                Some(refined) if !is_saturated || refined.tells_depth() => self.place(point, &refined),
+                // Moments would believe what the largest code hides.
+                _ if is_saturated => *place = None,
+                _ => *is_other = true,
             }
         }
+        if is_other.contains(&true) {
+            let detections: Vec<Detection> =
+                (0..planes.len()).map(|band| self.with_moments(band, &planes[band], &detections[band])).collect();
+            self.place_by_moments(&detections, groups, &mut points, &is_other);
+        }
         points
+    }
+
+    /// Features that were found before, with the centres of all their light.
+    fn with_moments(&self, band: usize, (plane, noise): &(PlaneView<'_>, Noise), found: &Detection) -> Detection {
+        const SAME: f64 = 1e-6;
+        let mut measured = Detection::default();
+        let options = DetectOptions { estimator: Estimator::Cartesian, ..self.options.detect };
+        Detector::new(options).detect_shaded(plane, Some(noise), self.shading(band, plane), &mut measured);
+        onto_reference(&mut measured, &self.band(band).registration);
+        let mut found = found.clone();
+        for feature in &mut found.features {
+            let away_px =
+                |other: &&Feature| (other.centre.u - feature.centre.u).hypot(other.centre.v - feature.centre.v);
+            let is_same = |other: &&Feature| (other.area_px / feature.area_px - 1.0).abs() < SAME;
+            let same = measured.features.iter().filter(is_same).min_by(|a, b| away_px(a).total_cmp(&away_px(b)));
+            if let Some(same) = same.filter(|same| away_px(same) < feature.area_px.sqrt()) {
+                *feature = *same;
+            }
+        }
+        found
+    }
+
+    /// Places points by the centroids of their features, as centroid mode does.
+    fn place_by_moments(
+        &self,
+        detections: &[Detection],
+        groups: &[Group],
+        points: &mut [Option<Placed>],
+        is_other: &[bool],
+    ) {
+        for ((place, group), _) in points.iter_mut().zip(groups).zip(is_other).filter(|(_, is_other)| **is_other) {
+            let again = self.point(detections, group, None, [0.0; 2]);
+            *place = again.or_else(|| place.take());
+        }
+        self.lean(detections, groups, points, is_other);
     }
 
     fn place(&self, Placed { point, further }: &mut Placed, refined: &Refined) {
@@ -384,6 +427,7 @@ impl Reconstructor {
             let name = &self.band(band).name;
             rejected.extend(detection.rejected.iter().map(|bystander| bystander.rejection(name)));
             rejected.extend(detection.features.iter().zip(fates).filter_map(|(feature, fate)| {
+                let fate = if feature.saturated { fate.and(Some(RejectionReason::Saturated)) } else { fate };
                 Some(Rejection {
                     band: name.clone(),
                     position: feature.centre,
@@ -414,26 +458,32 @@ impl Reconstructor {
         }
         self.find_further(detections, &mut groups, &points);
         // The fit of pixels finds slopes by itself.
-        let rounds = if self.options.mode == Mode::Centroid { TILT_ROUNDS } else { 0 };
-        for _ in 0..rounds {
-            let known: Vec<[f64; 3]> = points.iter().flatten().map(|placed| placed.point.position_mm).collect();
-            let mut slopes = local_slopes(&known, &known).into_iter();
-            for (place, group) in points.iter_mut().zip(&groups) {
-                if let Some(before) = place {
-                    let again = slopes.next().and_then(|slopes| point(group, Some(before), slopes.unwrap_or_default()));
-                    if again.is_some() {
-                        *place = again;
-                    }
-                }
-            }
-        }
-        if rounds == 0 && detections.len() > 2 {
+        if self.options.mode == Mode::Centroid {
+            let all = vec![true; points.len()];
+            self.lean(detections, &groups, &mut points, &all);
+        } else if detections.len() > 2 {
             for (place, group) in points.iter_mut().zip(&groups) {
                 let again = place.as_ref().and_then(|before| point(group, Some(before), [0.0; 2]));
                 *place = again.or_else(|| place.take());
             }
         }
         (groups, points)
+    }
+
+    /// Places points anew on the surfaces that all of them show.
+    fn lean(&self, detections: &[Detection], groups: &[Group], points: &mut [Option<Placed>], which: &[bool]) {
+        for _ in 0..TILT_ROUNDS {
+            let known: Vec<[f64; 3]> = points.iter().flatten().map(|placed| placed.point.position_mm).collect();
+            let mut slopes = local_slopes(&known, &known).into_iter();
+            for ((place, group), which) in points.iter_mut().zip(groups).zip(which) {
+                let Some(before) = place else { continue };
+                let slopes = slopes.next().flatten().unwrap_or_default();
+                let again = if *which { self.point(detections, group, Some(before), slopes) } else { None };
+                if again.is_some() {
+                    *place = again;
+                }
+            }
+        }
     }
 
     /// Adds to every group what the further bands show where its point is predicted.

@@ -179,9 +179,9 @@ fn flat_growth(
     // Neighbours shine on the ground.
     let ground_level = if has_neighbours { 0.0 } else { light.background };
     let ground = Region::of(view, light, ground_level, foot_px, places, codes);
-    let (information, score) = [full, ground].iter().fold((Matrix2::zeros(), Vector2::zeros()), |(i, s), region| {
-        (i + region.information, s + region.score)
-    });
+    let (information, score) = [full, ground]
+        .iter()
+        .fold((Matrix2::zeros(), Vector2::zeros()), |(i, s), region| (i + region.information, s + region.score));
     let covariance = information.try_inverse()?;
     Some(Growth { slope: covariance * score, information })
 }

@@ -52,6 +52,9 @@ const MARGIN_SAMPLES: f64 = 2.0;
 /// Residuals beyond so many standard deviations belong to something else, once the fit is near.
 const FOREIGN_SIGMAS: f32 = 6.0;
 
+/// Pixels that ought to be nearer to the largest code than this, in standard deviations, count as saturated.
+const FULL_SIGMAS: f32 = 3.0;
+
 /// How pixels are compared with the model.
 #[derive(Debug, Clone, Copy)]
 struct Asked {
@@ -87,12 +90,15 @@ impl BandView<'_> {
         let black_level = self.noise.black_level as f32;
         let (floor, slope) = (self.noise.floor_codes2 as f32, self.noise.slope_codes as f32);
         let Lines { jacobian, weight, residual, .. } = lines;
+        // What should read the largest code and does not was spared by its noise.
+        let full = self.noise.variance(f64::from(saturated)).sqrt() as f32;
+        let full = saturated - black_level - FULL_SIGMAS * full;
         let mut dark = false;
         for ((code, weight), residual) in codes.iter().zip(&mut *weight).zip(&mut *residual) {
             dark |= *residual < self.black.light_max;
             let trust = 1.0 / (floor + slope * residual.max(0.0));
             let left = code - black_level - *residual;
-            let out = (*code >= saturated) | (left * left * trust > asked.limit);
+            let out = (*code >= saturated) | (*residual > full) | (left * left * trust > asked.limit);
             *weight = if out { 0.0 } else { trust };
             *residual = left;
         }

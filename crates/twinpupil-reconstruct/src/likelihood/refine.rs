@@ -56,6 +56,18 @@ pub(crate) struct Refined {
 }
 
 impl Refined {
+    /// Whether its pixels look like those of a disc.
+    pub(crate) fn is_disc(&self) -> bool {
+        const NOT_A_DISC: f64 = 0.05;
+        self.misfit < NOT_A_DISC
+    }
+
+    /// Whether what is left of its pixels tells how far away it is.
+    pub(crate) fn tells_depth(&self) -> bool {
+        const STD_MAX: f64 = 0.01;
+        self.covariance_mm2[(2, 2)].sqrt() < STD_MAX * self.dot.centre_mm[2]
+    }
+
     /// Of x, y and z, mm².
     pub(crate) fn position_covariance_mm2(&self) -> Matrix3<f64> {
         self.covariance_mm2.fixed_view::<3, 3>(0, 0).into_owned()
