@@ -135,6 +135,12 @@ impl Placed {
     }
 }
 
+/// Contrast of a feature, as a guess where the largest code cuts it off.
+fn probable_height_codes(feature: &Feature) -> f64 {
+    const OVEREXPOSED: f64 = 1.3;
+    if feature.saturated { OVEREXPOSED * feature.height_codes } else { feature.height_codes }
+}
+
 /// Times that points and the tilts between them are computed in turn.
 const TILT_ROUNDS: usize = 2;
 
@@ -212,14 +218,16 @@ impl Reconstructor {
             .zip(planes)
             .map(|(detection, (_, noise))| detection.background_codes - noise.black_level)
             .collect();
+        let pair = |placed: &Placed| [placed.point.telecentric, placed.point.entocentric];
         let seed = |placed: &Placed| Seed {
             centre_mm: placed.point.position_mm,
             diameter_mm: placed.point.diameter_mm,
             contrast: (0..planes.len())
-                .map(|band| placed.feature(band).map(|feature| signs[band] * feature.height_codes))
+                .map(|band| placed.feature(band).map(|feature| signs[band] * probable_height_codes(feature)))
                 .collect(),
             placed: true,
-            doubtful: placed.point.telecentric.overlapped || placed.point.entocentric.overlapped,
+            doubtful: pair(placed).iter().any(|feature| feature.overlapped || feature.saturated),
+            saturated: pair(placed).iter().any(|feature| feature.saturated),
         };
         let mut seeds: Vec<Seed> = points.iter().flatten().map(seed).collect();
         let placed = seeds.len();
@@ -229,7 +237,7 @@ impl Reconstructor {
         let mut is_other = vec![false; points.len()];
         for (place, is_other) in points.iter_mut().zip(&mut is_other) {
             let Some(point) = place else { continue };
-            let is_saturated = point.point.telecentric.saturated || point.point.entocentric.saturated;
+            let is_saturated = pair(point).iter().any(|feature| feature.saturated);
             match refined.next().flatten().filter(Refined::is_disc) {
                 Some(refined) if !is_saturated || refined.tells_depth() => self.place(point, &refined),
                 // Moments would believe what the largest code hides.
@@ -332,13 +340,14 @@ impl Reconstructor {
                 let m = self.model.magnification(band, z_mm);
                 let diameter_px = 2.0 * (feature.area_px / std::f64::consts::PI).sqrt();
                 let mut contrast = vec![None; detections.len()];
-                contrast[band] = Some(signs[band] * feature.height_codes);
+                contrast[band] = Some(signs[band] * probable_height_codes(feature));
                 seeds.push(Seed {
                     centre_mm: [image.x_mm / m, image.y_mm / m, z_mm],
                     diameter_mm: (diameter_px * self.instrument.sensor.pitch_mm / m).max(1e-3),
                     contrast,
                     placed: false,
                     doubtful: true,
+                    saturated: feature.saturated,
                 });
             }
         }

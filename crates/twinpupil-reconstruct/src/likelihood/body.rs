@@ -25,6 +25,8 @@ pub(crate) struct Body {
     pub(crate) rounds: usize,
     /// Whether it may be far from its place at first.
     pub(crate) doubtful: bool,
+    /// Whether the largest code hides how bright it is.
+    pub(crate) saturated: bool,
     /// Whether pixels that do not fit were left out in the last round.
     pub(crate) masked: bool,
     /// Whether another's light reaches into its window.
@@ -36,6 +38,8 @@ pub(crate) struct Body {
 pub(crate) struct BandLight {
     /// Its light less that of the ground, codes.
     pub(crate) contrast: f64,
+    /// What it was thought to be at first, codes.
+    pub(crate) first_contrast: f64,
     /// The ground about it, codes above black.
     pub(crate) background: f64,
     /// Growth of the illumination along u and v, relative, 1/px.
@@ -75,11 +79,23 @@ impl BandLight {
     }
 }
 
+/// What is known of a number beforehand.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Expected {
+    pub(crate) value: f64,
+    pub(crate) std: f64,
+}
+
+/// How well the contrast of a saturated dot is guessed, relative: it is held near the guess until its place is known.
+const GUESS_STD: [f64; 2] = [1e-4, 1.0];
+const GUESS_ROUNDS: usize = 3;
+
 /// Blur added to the edges of a doubtful dot in the first round, so that they are felt from farther away.
 const SOFTENING_PX: f64 = 2.0;
 
 /// Rounds after which pixels that do not fit are left out, come what may.
 const PATIENCE: usize = 6;
+const PATIENCE_SATURATED: usize = 11;
 
 /// After a step this small, in standard deviations, a dot is so near its place that pixels which do not fit at all are
 /// not its own.
@@ -101,9 +117,18 @@ impl Body {
         if self.doubtful && self.rounds == 0 { SOFTENING_PX } else { 0.0 }
     }
 
+    /// What the contrast of its light should be, where the pixels may not tell.
+    pub(crate) fn expected_contrast(&self, light: &BandLight) -> Option<Expected> {
+        let share = GUESS_STD[usize::from(self.rounds >= GUESS_ROUNDS)];
+        let value = light.first_contrast;
+        self.saturated.then(|| Expected { value, std: share * value.abs().max(1.0) })
+    }
+
     /// Whether it is near enough to its place that pixels which do not fit are not its own.
     pub(crate) fn is_near(&self) -> bool {
-        self.rounds > 1 && self.step_sigmas < NEAR_SIGMAS || self.rounds > PATIENCE
+        let patience = if self.saturated { PATIENCE_SATURATED } else { PATIENCE };
+        let settling = self.rounds > if self.saturated { GUESS_ROUNDS } else { 1 };
+        settling && self.step_sigmas < NEAR_SIGMAS || self.rounds > patience
     }
 
     /// Whether it has come to where its pixels are explained.
@@ -114,7 +139,7 @@ impl Body {
 
     /// Whether another round would not move it.
     pub(crate) fn rests(&self) -> bool {
-        let enough = if self.has_neighbours { RESTING_SIGMAS } else { LAST_SIGMAS };
+        let enough = if self.has_neighbours || self.saturated { RESTING_SIGMAS } else { LAST_SIGMAS };
         !self.alive || self.rounds > 1 && self.masked && self.step_sigmas < enough
     }
 

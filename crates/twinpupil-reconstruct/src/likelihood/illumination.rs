@@ -98,7 +98,7 @@ impl Growth {
 /// What a dot's own pixels show.
 fn own_growth(joint: &Joint<'_>, index: usize, band: usize, workspace: &mut Workspace) -> Option<Growth> {
     let body = &joint.bodies[index];
-    let light = body.bands[band].as_ref().filter(|_| body.alive)?;
+    let light = body.bands[band].as_ref().filter(|_| body.alive && !body.saturated)?;
     let full_px = joint.rings(index, band, light, workspace).full_px;
     flat_growth(&joint.bands[band], light, full_px, body.has_neighbours, &mut workspace.samples).or_else(|| {
         // Where nothing is flat, the fit tells whether it is worth while.
@@ -272,7 +272,7 @@ impl Field {
         let lights: Vec<(&BandLight, Option<Growth>)> = bodies
             .iter()
             .zip(own)
-            .filter(|(body, _)| body.alive && body.z_prior_mm.is_none())
+            .filter(|(body, _)| body.alive && !body.saturated && body.z_prior_mm.is_none())
             .filter_map(|(body, own)| Some((body.bands[band].as_ref().filter(|light| light.contrast != 0.0)?, *own)))
             .collect();
         if lights.len() < DOTS_MIN {

@@ -75,6 +75,7 @@ impl BandView<'_> {
     pub(crate) fn light(&self, dot: &Dot, contrast: f64, background: f64) -> BandLight {
         BandLight {
             contrast,
+            first_contrast: contrast,
             background,
             illumination_slope: [0.0; 2],
             spot: self.spot(dot),
@@ -91,14 +92,14 @@ impl BandView<'_> {
         let (floor, slope) = (self.noise.floor_codes2 as f32, self.noise.slope_codes as f32);
         let Lines { jacobian, weight, residual, .. } = lines;
         // What should read the largest code and does not was spared by its noise.
-        let full = self.noise.variance(f64::from(saturated)).sqrt() as f32;
-        let full = saturated - black_level - FULL_SIGMAS * full;
+        let spread = FULL_SIGMAS * self.noise.variance(f64::from(saturated)).sqrt() as f32;
+        let (full, spared) = (saturated - black_level - spread, saturated - 2.0 * spread);
         let mut dark = false;
         for ((code, weight), residual) in codes.iter().zip(&mut *weight).zip(&mut *residual) {
             dark |= *residual < self.black.light_max;
             let trust = 1.0 / (floor + slope * residual.max(0.0));
             let left = code - black_level - *residual;
-            let out = (*code >= saturated) | (*residual > full) | (left * left * trust > asked.limit);
+            let out = (*code >= saturated) | ((*residual > full) & (*code > spared)) | (left * left * trust > asked.limit);
             *weight = if out { 0.0 } else { trust };
             *residual = left;
         }
@@ -226,6 +227,9 @@ impl Joint<'_> {
         view.compare(full_codes, asked, 5..6, lines);
         normal.add_full(lines);
         normal.complete();
+        if let Some(expected) = self.bodies[index].expected_contrast(light) {
+            normal.expect_contrast(expected.value - light.contrast, expected.std);
+        }
         if let Some(light) = &mut self.bodies[index].bands[band] {
             light.shape = normal.shape();
             light.normal = normal;

@@ -38,6 +38,8 @@ pub(crate) struct Seed {
     pub(crate) placed: bool,
     /// Whether its place may be off by more than the width of an edge.
     pub(crate) doubtful: bool,
+    /// Whether the largest code hides how bright it is.
+    pub(crate) saturated: bool,
 }
 
 /// A dot as its pixels know it.
@@ -62,10 +64,12 @@ impl Refined {
         self.misfit < NOT_A_DISC
     }
 
-    /// Whether what is left of its pixels tells how far away it is.
+    /// Whether what is left of a saturated dot's pixels tells how far away it is: of a sharp one that is a line of them,
+    /// whose half-lit steps have to be modelled far better than those of a whole edge.
     pub(crate) fn tells_depth(&self) -> bool {
         const STD_MAX: f64 = 0.01;
-        self.covariance_mm2[(2, 2)].sqrt() < STD_MAX * self.dot.centre_mm[2]
+        const CHI2_MAX: f64 = 1.25;
+        self.reduced_chi2 < CHI2_MAX && self.covariance_mm2[(2, 2)].sqrt() < STD_MAX * self.dot.centre_mm[2]
     }
 
     /// Of x, y and z, mm².
@@ -164,6 +168,7 @@ fn body(seed: &Seed, views: &[BandView<'_>], background: &[f64]) -> Body {
         alive: true,
         rounds: 0,
         doubtful: seed.doubtful,
+        saturated: seed.saturated,
         masked: false,
         has_neighbours: false,
     }
