@@ -238,7 +238,7 @@ impl Reconstructor {
         for (place, is_other) in points.iter_mut().zip(&mut is_other) {
             let Some(point) = place else { continue };
             let is_saturated = pair(point).iter().any(|feature| feature.saturated);
-            match refined.next().flatten().filter(Refined::is_disc) {
+            match refined.next().flatten().filter(|refined| refined.is_disc(is_saturated)) {
                 Some(refined) if !is_saturated || refined.tells_depth() => self.place(point, &refined),
                 // Moments would believe what the largest code hides.
                 _ if is_saturated => *place = None,

@@ -1,10 +1,13 @@
 //! Scenes as they come: dark dots, uneven light, dots of all sizes, bad pixels, too much light, dots that touch.
 
-use twinpupil_simulate::{Defects, DotSpec, Illumination, Scene, SceneSpec};
+use twinpupil_reconstruct::Point;
+use twinpupil_simulate::{
+    Defects, DotSpec, Illumination, ImagePattern, Pattern, Picture, Plate, Scene, SceneSpec, TiltAxis,
+};
 
 use crate::limit::{Camera, Score, model_rig, plate};
-use crate::plates::Pose;
-use crate::rig::dots;
+use crate::plates::{Pose, is_near};
+use crate::rig::{Rig, dots, nearest};
 
 /// A scene before a camera.
 #[derive(Debug, Clone)]
@@ -53,13 +56,15 @@ pub fn discs(places: &[[f64; 4]]) -> Scene {
 /// Dots on rings about the axis, apart from each other, with sizes in turn.
 pub fn rings(z_mm: f64, diameters_mm: &[f64], turn_rad: f64) -> Scene {
     let mut places = Vec::new();
-    for (ring, (r_mm, count)) in [(2.6, 5), (4.4, 8), (5.9, 9)].into_iter().enumerate() {
+    let is_large = diameters_mm.iter().all(|diameter_mm| *diameter_mm > 1.5);
+    let circles = if is_large { &[(3.0, 5), (5.7, 9)][..] } else { &[(2.6, 5), (4.4, 8), (5.9, 9)] };
+    for (ring, &(r_mm, count)) in circles.iter().enumerate() {
         for k in 0..count {
             let azimuth_rad = turn_rad + 0.4 * ring as f64 + std::f64::consts::TAU * k as f64 / count as f64;
             let (sin, cos) = azimuth_rad.sin_cos();
             // The field is wider than it is high.
             let (x_mm, y_mm) = (r_mm * cos, r_mm * sin);
-            if y_mm.abs() < 4.6 {
+            if y_mm.abs() < 4.7 {
                 places.push([x_mm, y_mm, z_mm, diameters_mm[places.len() % diameters_mm.len()]]);
             }
         }
@@ -160,4 +165,83 @@ pub fn all() -> Vec<Case> {
     cases.extend([grid(270.0, 0.1), grid(300.0, 0.03), grid(330.0, 0.1)]);
     cases.extend([pairs(280.0, 0.0), pairs(280.0, 10.0), pairs(300.0, 30.0)]);
     cases
+}
+
+/// A plate of shapes that are no discs, with where their middles are.
+pub fn shapes(pose: Pose) -> (Scene, Vec<[f64; 3]>) {
+    const WIDTH_MM: f64 = 18.0;
+    const HEIGHT_MM: f64 = 10.8;
+    const PX_PER_MM: f64 = 150.0;
+    let size_px = [WIDTH_MM, HEIGHT_MM].map(|length_mm| (length_mm * PX_PER_MM) as usize);
+    let (tilt_deg, distance_mm) = match pose {
+        Pose::Facing(z_mm) => (0.0, z_mm),
+        Pose::Tilted(tilt_deg) => (tilt_deg, 300.0),
+    };
+    let mut values = vec![0.0_f32; size_px[0] * size_px[1]];
+    let mut middles_mm = Vec::new();
+    for k in 0..28 {
+        let middle_mm = [f64::from(k % 7) * 2.4 - 7.2, f64::from(k / 7) * 2.5 - 3.75];
+        if middle_mm[0].hypot(middle_mm[1]) < 2.8 {
+            continue;
+        }
+        let turn_rad = 0.37 * f64::from(k);
+        middles_mm.push(draw(&mut values, size_px[0], PX_PER_MM, middle_mm.map(|m| m + 0.01), [WIDTH_MM, HEIGHT_MM], turn_rad, k % 5));
+    }
+    let plate = Plate {
+        distance_mm,
+        tilt_deg,
+        tilt_axis: TiltAxis::Y,
+        pattern: Pattern::Image(ImagePattern { image: "shapes.png".to_owned(), width_mm: WIDTH_MM }),
+    };
+    let pose = plate.pose();
+    let [stretch, _] = pose.stretch();
+    let truth = middles_mm.into_iter().map(|[x, y]| pose.at(x / stretch, y)).collect();
+    let scene = Scene::new(SceneSpec { plate: Some(plate), ..dots(&[]).spec().clone() }).expect("a legal plate");
+    let picture = Picture::new(size_px[0], size_px[1], values).expect("a picture");
+    (scene.with_picture(picture).expect("a picture of the plate"), truth)
+}
+
+/// Draws a shape of about 1 mm and returns its centroid: a square, a triangle, a ring, an L or a half disc.
+fn draw(
+    values: &mut [f32],
+    width_px: usize,
+    px_per_mm: f64,
+    middle_mm: [f64; 2],
+    size_mm: [f64; 2],
+    turn_rad: f64,
+    kind: i32,
+) -> [f64; 2] {
+    let (sin, cos) = turn_rad.sin_cos();
+    let within = |x: f64, y: f64| match kind {
+        0 => x.abs() < 0.4 && y.abs() < 0.4,
+        1 => y < 0.35 && y > -0.5 + 1.7 * x.abs(),
+        2 => (0.25..0.5).contains(&x.hypot(y)),
+        3 => (x.abs() < 0.45 && y.abs() < 0.45) && (x < -0.1 || y > 0.1),
+        _ => x.hypot(y) < 0.55 && y > -0.1,
+    };
+    let (mut sum, mut sums) = (0.0, [0.0; 2]);
+    for (index, value) in values.iter_mut().enumerate() {
+        let place_mm = [index % width_px, index / width_px].map(|place| (place as f64 + 0.5) / px_per_mm);
+        let [dx, dy] = [0, 1].map(|axis| place_mm[axis] - 0.5 * size_mm[axis] - middle_mm[axis]);
+        if dx.abs().max(dy.abs()) < 1.0 && within(cos * dx + sin * dy, cos * dy - sin * dx) {
+            *value = 1.0;
+            sum += 1.0;
+            sums = [sums[0] + dx, sums[1] + dy];
+        }
+    }
+    [0, 1].map(|axis| middle_mm[axis] + sums[axis] / sum)
+}
+
+/// How features of known middles are read: errors of z, mm, each with the deviation that was reported; how many middles
+/// are wholly seen; and how many points belong to none.
+pub fn read_middles(rig: &Rig, scene: &Scene, middles_mm: &[[f64; 3]], seed: u64) -> (Vec<[f64; 2]>, usize, usize) {
+    const SIZE_MM: f64 = 1.3;
+    let points = rig.points(&rig.frame(scene, Some(seed)));
+    let seen: Vec<_> = middles_mm.iter().filter(|middle_mm| rig.sees_whole(**middle_mm, SIZE_MM)).collect();
+    let found = seen.iter().filter_map(|middle_mm| {
+        let point = nearest(&points, **middle_mm).filter(|point| is_near(point.position_mm, **middle_mm))?;
+        Some([point.position_mm[2] - middle_mm[2], point.std_mm[2]])
+    });
+    let belongs = |point: &&Point| middles_mm.iter().any(|middle_mm| is_near(point.position_mm, *middle_mm));
+    (found.collect(), seen.len(), points.iter().filter(|point| !belongs(point)).count())
 }

@@ -54,14 +54,20 @@ pub(crate) struct Refined {
     pub(crate) reduced_chi2: f64,
     /// Excess of the residuals over the noise, relative to the contrast.
     pub(crate) misfit: f64,
+    /// Radius of its least blur in any band, px.
+    pub(crate) blur_px: f64,
     pub(crate) masked_px: usize,
+    pub(crate) used_px: usize,
 }
 
 impl Refined {
-    /// Whether its pixels look like those of a disc.
-    pub(crate) fn is_disc(&self) -> bool {
-        const NOT_A_DISC: f64 = 0.05;
-        self.misfit < NOT_A_DISC
+    /// Whether its pixels look like those of a disc: those that count, and nearly all of them do unless the largest
+    /// code hides them.
+    pub(crate) fn is_disc(&self, is_saturated: bool) -> bool {
+        const MISFIT_MAX: f64 = 0.05;
+        const MASKED_MAX: f64 = 0.03;
+        let masked = self.masked_px as f64 / (self.used_px + self.masked_px).max(1) as f64;
+        self.misfit < MISFIT_MAX && (is_saturated || masked < MASKED_MAX)
     }
 
     /// Whether what is left of a saturated dot's pixels tells how far away it is: of a sharp one that is a line of them,
@@ -69,7 +75,8 @@ impl Refined {
     pub(crate) fn tells_depth(&self) -> bool {
         const STD_MAX: f64 = 0.01;
         const CHI2_MAX: f64 = 1.25;
-        self.reduced_chi2 < CHI2_MAX && self.covariance_mm2[(2, 2)].sqrt() < STD_MAX * self.dot.centre_mm[2]
+        const BLUR_PX_MIN: f64 = 4.0;
+        self.blur_px > BLUR_PX_MIN && self.reduced_chi2 < CHI2_MAX && self.covariance_mm2[(2, 2)].sqrt() < STD_MAX * self.dot.centre_mm[2]
     }
 
     /// Of x, y and z, mm².
@@ -216,6 +223,8 @@ fn refined(joint: &Joint<'_>, index: usize, workspace: &mut Workspace) -> Option
         centres: body.bands.iter().map(|light| light.as_ref().and_then(|light| light.own_centre())).collect(),
         reduced_chi2,
         misfit: misfits.fold(0.0, f64::max),
+        blur_px: body.bands.iter().flatten().map(|light| light.spot.blur_px_min()).fold(f64::INFINITY, f64::min),
         masked_px,
+        used_px: used,
     })
 }
