@@ -28,6 +28,20 @@ pub struct Projection {
     pub pupil_radius_mm: f64,
 }
 
+/// What the chief rays do at one distance, and how it changes there with the distance z: the object point X is imaged at
+/// `m X + s c` by a pupil whose centre lies at c.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Chief {
+    /// Magnification m.
+    pub magnification: f64,
+    /// dm/dz, 1/mm.
+    pub magnification_slope: f64,
+    /// How far a pupil off the axis shifts all images, over how far it lies off, s.
+    pub shift: f64,
+    /// ds/dz, 1/mm.
+    pub shift_slope: f64,
+}
+
 impl Projection {
     /// Image size over object size at distance z: `r_R / r` or `r_B / r`  [Ohno2018, Eqs. 5, 6].
     #[inline]
@@ -54,6 +68,28 @@ impl Projection {
             y_mm: magnification * y_mm + shift * self.pupil_centre_mm[1],
         };
         (image, magnification)
+    }
+
+    /// Magnification and shift at a distance, and their slopes.
+    ///
+    /// ```text
+    /// m = (L b − d (1 − L/f)) / (d + b z)        b = 1 − d/f, or 1 for a pupil in front of the lens
+    /// s = −(L + (1 − L/f) z) / (d + b z)
+    /// ```
+    #[inline]
+    pub fn chief(&self, z_mm: f64) -> Chief {
+        let (l, d) = (self.sensor_distance_mm, self.pupil_position_mm);
+        let b = if d >= 0.0 { 1.0 - d / self.focal_length_mm } else { 1.0 };
+        let a = 1.0 - l / self.focal_length_mm;
+        let inverse = 1.0 / (d + b * z_mm);
+        let magnification = (l * b - d * a) * inverse;
+        let shift = -(l + a * z_mm) * inverse;
+        Chief {
+            magnification,
+            magnification_slope: -b * magnification * inverse,
+            shift,
+            shift_slope: -(a + b * shift) * inverse,
+        }
     }
 
     /// Radius of the image of a point at distance z, mm: the pupil's shadow on the sensor.
@@ -132,6 +168,22 @@ mod tests {
     fn a_pupil_in_the_focal_plane_is_equation_1() {
         for z_mm in [250.0, 300.0, 350.0] {
             assert!((through(F).magnification(z_mm) - (L / F - 1.0)).abs() < 1e-15);
+        }
+    }
+
+    #[test]
+    fn chief_rays_and_their_slopes_are_those_of_the_image() {
+        const STEP_MM: f64 = 1e-3;
+        for d_mm in [-40.0, 0.0, 40.0, F, 130.0] {
+            let projection = Projection { pupil_centre_mm: [1.0, 0.0], ..through(d_mm) };
+            let at = |z_mm: f64| [projection.magnification(z_mm), projection.image([0.0, 0.0, z_mm]).x_mm];
+            let chief = projection.chief(280.0);
+            let [m, s] = at(280.0);
+            assert!((chief.magnification - m).abs() < 1e-14 && (chief.shift - s).abs() < 1e-14, "{d_mm}");
+            let [m_slope, s_slope] =
+                [0, 1].map(|k| (at(280.0 + STEP_MM)[k] - at(280.0 - STEP_MM)[k]) / (2.0 * STEP_MM));
+            assert!((chief.magnification_slope - m_slope).abs() < 1e-9, "{d_mm}");
+            assert!((chief.shift_slope - s_slope).abs() < 1e-9, "{d_mm}");
         }
     }
 

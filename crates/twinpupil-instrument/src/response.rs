@@ -29,7 +29,7 @@ impl Grid {
 
     /// Cell and fraction within it; positions outside belong to the nearest cell, at its nearest edge.
     #[inline]
-    fn locate(&self, position: f64) -> (usize, f64) {
+    pub fn locate(&self, position: f64) -> (usize, f64) {
         let last = (self.count - 1) as f64;
         let index = ((position - self.start) / self.step).clamp(0.0, last);
         let cell = (index as usize).min(self.count - 2);

@@ -10,6 +10,7 @@
 
 mod assignment;
 mod background;
+mod cells;
 mod centroid;
 mod contrast;
 mod detect;
@@ -29,6 +30,7 @@ mod position;
 mod register;
 mod rejection;
 mod relief;
+mod response;
 mod scout;
 mod shading;
 mod slope;

@@ -2,7 +2,8 @@
 
 use twinpupil_instrument::{DepthRange, ImagePoint, PixelPoint, Sensor};
 
-use crate::assignment::{Edge, assign};
+use crate::assignment::{Assignment, Edge, Edges};
+use crate::cells::Cells;
 use crate::detect::Feature;
 use crate::model::Model;
 
@@ -47,109 +48,168 @@ pub(crate) struct Match {
     pub(crate) ambiguous: bool,
 }
 
-/// Pairs features one to one so that the sum of χ² is least.
-///
-/// For every telecentric feature the depth range draws a line on the sensor along its azimuth, on which its partner
-/// must lie. χ² of a candidate is its distance from that line, and how far the two areas are from the ratio that the
-/// candidate's depth gives them.
-pub(crate) fn pair_up(
-    model: &Model,
-    sensor: &Sensor,
-    range: DepthRange,
-    telecentric: &[Feature],
-    entocentric: &[Feature],
-    options: &MatchOptions,
-) -> Vec<Match> {
-    let cells = Cells::new(entocentric);
-    let candidates: Vec<Vec<Candidate>> = telecentric
-        .iter()
-        .map(|feature| {
-            let line = SearchLine::new(model, sensor, range, feature.centre);
-            let near = cells.along(&line, options.azimuth_tolerance_px);
-            near.filter_map(|index| Candidate::judge(&line, feature, entocentric, index, options)).collect()
-        })
-        .collect();
-    let edges: Vec<Vec<Edge>> = candidates
-        .iter()
-        .map(|list| list.iter().map(|c| Edge { right: c.entocentric as u32, cost: c.chi2 }).collect())
-        .collect();
-    let assignment = assign(&edges, entocentric.len(), options.single_chi2);
-    let chosen = |(index, partner): (usize, &Option<u32>)| {
-        let candidate = candidates[index].iter().find(|c| Some(c.entocentric as u32) == *partner)?;
-        Some(Match {
-            telecentric: index,
-            entocentric: candidate.entocentric,
-            azimuth_residual_px: candidate.azimuth_residual_px,
-            ambiguous: assignment.margin[index] < options.ambiguous_chi2,
-        })
-    };
-    let mut pairs: Vec<Match> = assignment.partner.iter().enumerate().filter_map(chosen).collect();
-    drop_strays(&mut pairs);
-    pairs
+/// Pairs features; its buffers are used again from frame to frame.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Matcher {
+    cells: Cells,
+    candidates: Vec<Candidate>,
+    edges: Edges,
+    assignment: Assignment,
+    sizes_px: Vec<f64>,
+}
+
+impl Matcher {
+    /// Pairs features one to one so that the sum of χ² is least; `pairs` is overwritten.
+    ///
+    /// For every telecentric feature the depth range draws a line on the sensor along its azimuth, on which its partner
+    /// must lie. χ² of a candidate is its distance from that line, and how far the two areas are from the ratio that
+    /// the candidate's depth gives them.
+    pub(crate) fn pair_up(
+        &mut self,
+        epipole: &Epipole<'_>,
+        telecentric: &[Feature],
+        entocentric: &[Feature],
+        options: &MatchOptions,
+        pairs: &mut Vec<Match>,
+    ) {
+        // Lines are long and cells few where features are large.
+        const CROWD: f64 = 0.6;
+        let Self { cells, candidates, edges, assignment, sizes_px } = self;
+        cells.fill(entocentric.iter().map(|feature| [feature.centre.u, feature.centre.v]), CROWD);
+        candidates.clear();
+        edges.clear();
+        for feature in telecentric {
+            let line = SearchLine::new(epipole, feature.centre);
+            let first = candidates.len();
+            along(cells, &line, options.azimuth_tolerance_px, |index| {
+                candidates.extend(Candidate::judge(&line, feature, entocentric, index, options));
+            });
+            edges.push(candidates[first..].iter().map(|c| Edge { right: c.entocentric, cost: c.chi2 }));
+        }
+        assignment.solve(edges, entocentric.len(), options.single_chi2);
+        pairs.clear();
+        // Candidates stand in the order of their telecentric features, as their edges do.
+        let mut list = &candidates[..];
+        for index in 0..telecentric.len() {
+            let (own, rest) = list.split_at(edges.of(index).len());
+            list = rest;
+            let chosen = assignment.partner(index).and_then(|partner| own.iter().find(|c| c.entocentric == partner));
+            pairs.extend(chosen.map(|candidate| Match {
+                telecentric: index,
+                entocentric: candidate.entocentric as usize,
+                azimuth_residual_px: candidate.azimuth_residual_px,
+                ambiguous: assignment.margin(index) < options.ambiguous_chi2,
+            }));
+        }
+        drop_strays(pairs, sizes_px);
+    }
 }
 
 /// Drops pairs that lie far beside their azimuth when most of the frame's pairs do not: they belong to no one thing.
-fn drop_strays(pairs: &mut Vec<Match>) {
+fn drop_strays(pairs: &mut Vec<Match>, sizes_px: &mut Vec<f64>) {
     const FEWEST: usize = 6;
     const SIGMAS: f64 = 6.0;
     const STD_MIN_PX: f64 = 0.15;
     if pairs.len() < FEWEST {
         return;
     }
-    let mut sizes: Vec<f64> = pairs.iter().map(|pair| pair.azimuth_residual_px.abs()).collect();
-    sizes.sort_by(f64::total_cmp);
-    let limit_px = SIGMAS * (1.4826 * sizes[sizes.len() / 2]).max(STD_MIN_PX);
+    sizes_px.clear();
+    sizes_px.extend(pairs.iter().map(|pair| pair.azimuth_residual_px.abs()));
+    let middle = sizes_px.len() / 2;
+    let median_px = *sizes_px.select_nth_unstable_by(middle, f64::total_cmp).1;
+    let limit_px = SIGMAS * (1.4826 * median_px).max(STD_MIN_PX);
     pairs.retain(|pair| pair.azimuth_residual_px.abs() <= limit_px);
+}
+
+/// How the entocentric image of anything follows from its telecentric one at both ends of the depth range.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Epipole<'a> {
+    sensor: &'a Sensor,
+    /// At the near end and at the far one.
+    ends: [End; 2],
+}
+
+/// At one distance.
+#[derive(Debug, Clone, Copy)]
+struct End {
+    /// Entocentric over telecentric magnification.
+    size_ratio: f64,
+    /// Images of a point on the axis: a pupil that is off the axis shifts all images alike.
+    telecentric: ImagePoint,
+    entocentric: ImagePoint,
+}
+
+impl<'a> Epipole<'a> {
+    pub(crate) fn new(model: &Model, sensor: &'a Sensor, range: DepthRange) -> Self {
+        let end = |z_mm: f64| {
+            let [r, b] = model.magnifications(z_mm);
+            let [telecentric, entocentric] = model.chief_images([0.0, 0.0, z_mm]);
+            End { size_ratio: b / r, telecentric, entocentric }
+        };
+        Self { sensor, ends: [end(range.near_mm), end(range.far_mm)] }
+    }
+
+    /// Where the partner of a telecentric image lies at one end.
+    fn partner(&self, end: &End, image: ImagePoint) -> PixelPoint {
+        self.sensor.pixel_from_image(ImagePoint {
+            x_mm: end.entocentric.x_mm + (image.x_mm - end.telecentric.x_mm) * end.size_ratio,
+            y_mm: end.entocentric.y_mm + (image.y_mm - end.telecentric.y_mm) * end.size_ratio,
+        })
+    }
 }
 
 /// Where on the sensor the partner of a telecentric feature may lie, from the near end of the depth range to the far.
 struct SearchLine {
     near: PixelPoint,
     far: PixelPoint,
+    /// From the near end to the far one: of length 1, and its length in px.
+    direction: [f64; 2],
+    length_px: f64,
     /// Entocentric over telecentric magnification at both ends, linear between them.
     size_ratio: [f64; 2],
 }
 
 impl SearchLine {
-    fn new(model: &Model, sensor: &Sensor, range: DepthRange, telecentric: PixelPoint) -> Self {
-        let image = sensor.image_from_pixel(telecentric);
-        let end = |z_mm: f64| {
-            let [r, b] = model.magnifications(z_mm);
-            // An off-axis pupil shifts the images of all points at a distance alike.
-            let [r0, b0] = model.chief_images([0.0, 0.0, z_mm]);
-            let along = |image: f64, r0: f64, b0: f64| b0 + (image - r0) * b / r;
-            let partner =
-                ImagePoint { x_mm: along(image.x_mm, r0.x_mm, b0.x_mm), y_mm: along(image.y_mm, r0.y_mm, b0.y_mm) };
-            (sensor.pixel_from_image(partner), b / r)
-        };
-        let ((near, near_ratio), (far, far_ratio)) = (end(range.near_mm), end(range.far_mm));
-        Self { near, far, size_ratio: [near_ratio, far_ratio] }
+    fn new(epipole: &Epipole<'_>, telecentric: PixelPoint) -> Self {
+        let image = epipole.sensor.image_from_pixel(telecentric);
+        let [near, far] = epipole.ends.map(|end| epipole.partner(&end, image));
+        let (du, dv) = (far.u - near.u, far.v - near.v);
+        let length_px = (du * du + dv * dv).sqrt().max(1e-9);
+        Self {
+            near,
+            far,
+            direction: [du / length_px, dv / length_px],
+            length_px,
+            size_ratio: epipole.ends.map(|end| end.size_ratio),
+        }
     }
 
     /// Position of a pixel along the line (0 near, 1 far) and beside it in px.
+    #[inline]
     fn locate(&self, point: PixelPoint) -> (f64, f64) {
-        let (du, dv) = (self.far.u - self.near.u, self.far.v - self.near.v);
-        let length = du.hypot(dv).max(1e-9);
+        let [du, dv] = self.direction;
         let (pu, pv) = (point.u - self.near.u, point.v - self.near.v);
-        ((pu * du + pv * dv) / (length * length), (du * pv - dv * pu) / length)
+        ((pu * du + pv * dv) / self.length_px, du * pv - dv * pu)
     }
 }
 
+#[derive(Debug, Clone, Copy)]
 struct Candidate {
-    entocentric: usize,
+    entocentric: u32,
     chi2: f64,
     azimuth_residual_px: f64,
 }
 
 impl Candidate {
+    #[inline]
     fn judge(
         line: &SearchLine,
         telecentric: &Feature,
         entocentric: &[Feature],
-        index: usize,
+        index: u32,
         options: &MatchOptions,
     ) -> Option<Self> {
-        let feature = &entocentric[index];
+        let feature = &entocentric[index as usize];
         let (along, beside_px) = line.locate(feature.centre);
         if !(0.0..=1.0).contains(&along) || beside_px.abs() > options.azimuth_tolerance_px {
             return None;
@@ -165,87 +225,20 @@ impl Candidate {
     }
 }
 
-/// Features by square cells of the frame, so that those about a line are found without looking at all.
-struct Cells {
-    /// Cell of the first feature along u and v, and numbers of cells.
-    origin: [i64; 2],
-    counts: [usize; 2],
-    /// Features cell by cell; cell `k` has those from `starts[k]` to `starts[k + 1]`.
-    features: Vec<u32>,
-    starts: Vec<u32>,
-}
-
-const CELL_PX: f64 = 48.0;
-
-/// Cells along one side, at most: features that are strewn farther share the last one.
-const SIDE_MAX: usize = 2048;
-
-impl Cells {
-    fn new(features: &[Feature]) -> Self {
-        let cell = |feature: &Feature| [Self::of(feature.centre.u), Self::of(feature.centre.v)];
-        let (mut low, mut high) = ([i64::MAX; 2], [i64::MIN; 2]);
-        for [i, j] in features.iter().map(cell) {
-            (low, high) = ([low[0].min(i), low[1].min(j)], [high[0].max(i), high[1].max(j)]);
-        }
-        let count =
-            |axis: usize| (high[axis].saturating_sub(low[axis]).saturating_add(1)).clamp(0, SIDE_MAX as i64) as usize;
-        let mut cells =
-            Self { origin: low, counts: [count(0), count(1)], features: vec![0; features.len()], starts: Vec::new() };
-        cells.starts.resize(cells.counts[0] * cells.counts[1] + 1, 0);
-        let places: Vec<usize> = features.iter().map(|feature| cells.place(cell(feature))).collect();
-        for &place in &places {
-            cells.starts[place + 1] += 1;
-        }
-        for place in 1..cells.starts.len() {
-            cells.starts[place] += cells.starts[place - 1];
-        }
-        let mut next = cells.starts.clone();
-        for (index, place) in (0..).zip(places) {
-            cells.features[next[place] as usize] = index;
-            next[place] += 1;
-        }
-        cells
-    }
-
-    fn of(position_px: f64) -> i64 {
-        (position_px / CELL_PX).floor() as i64
-    }
-
-    /// Index of a cell, or of the nearest one.
-    fn place(&self, cell: [i64; 2]) -> usize {
-        let [i, j] = [0, 1].map(|axis| self.inside(axis, cell[axis]));
-        j * self.counts[0] + i
-    }
-
-    fn inside(&self, axis: usize, cell: i64) -> usize {
-        cell.saturating_sub(self.origin[axis]).clamp(0, self.counts[axis] as i64 - 1) as usize
-    }
-
-    /// Features in the cells within a margin of a line, each once: row by row of cells, those between the columns where
-    /// the line enters and leaves the row.
-    fn along(&self, line: &SearchLine, margin_px: f64) -> impl Iterator<Item = usize> {
-        let (near, far) = (line.near, line.far);
-        let (top, bottom) = if near.v <= far.v { (near, far) } else { (far, near) };
-        let rows = match self.features.is_empty() {
-            true => 0..0,
-            false => self.inside(1, Self::of(top.v - margin_px))..self.inside(1, Self::of(bottom.v + margin_px)) + 1,
-        };
-        let u_at = move |v_px: f64| {
-            let share = (v_px - top.v) / (bottom.v - top.v).max(1e-9);
-            top.u + share.clamp(0.0, 1.0) * (bottom.u - top.u)
-        };
-        rows.flat_map(move |row| {
-            let v_px = (self.origin[1] + row as i64) as f64 * CELL_PX;
-            // The outer rows also hold what lies beyond them.
-            let from_px = if row == 0 { f64::NEG_INFINITY } else { v_px - margin_px };
-            let to_px = if row + 1 == self.counts[1] { f64::INFINITY } else { v_px + CELL_PX + margin_px };
-            let (a, b) = (u_at(from_px), u_at(to_px));
-            let first = self.inside(0, Self::of(a.min(b) - margin_px));
-            let last = self.inside(0, Self::of(a.max(b) + margin_px));
-            let start = row * self.counts[0];
-            let found = self.starts[start + first] as usize..self.starts[start + last + 1] as usize;
-            self.features[found].iter().map(|&index| index as usize)
-        })
+/// Calls `found` with what lies in the cells within a margin of a line: row by row of cells, between the columns where
+/// the line enters and leaves the row.
+fn along(cells: &Cells, line: &SearchLine, margin_px: f64, mut found: impl FnMut(u32)) {
+    let (top, bottom) = if line.near.v <= line.far.v { (line.near, line.far) } else { (line.far, line.near) };
+    let inverse = 1.0 / (bottom.v - top.v).max(1e-9);
+    let u_at = |v_px: f64| top.u + ((v_px - top.v) * inverse).clamp(0.0, 1.0) * (bottom.u - top.u);
+    let last_row = cells.count(1) - 1;
+    for row in cells.cell(1, top.v - margin_px)..=cells.cell(1, bottom.v + margin_px) {
+        // The outer rows also hold what lies beyond them.
+        let from_px = if row == 0 { f64::NEG_INFINITY } else { cells.start(1, row) - margin_px };
+        let to_px = if row == last_row { f64::INFINITY } else { cells.start(1, row + 1) + margin_px };
+        let (a, b) = (u_at(from_px), u_at(to_px));
+        let (first, last) = (cells.cell(0, a.min(b) - margin_px), cells.cell(0, a.max(b) + margin_px));
+        cells.row(row, first, last).iter().for_each(|index| found(*index));
     }
 }
 
@@ -283,8 +276,14 @@ mod tests {
         let instrument = paper::instrument();
         let model = Model::new(&instrument, None);
         let [telecentric, entocentric] = features(&instrument, &model, objects_mm);
-        let options = MatchOptions::default();
-        pair_up(&model, &instrument.sensor, instrument.depth_range(), &telecentric, &entocentric, &options)
+        pair_up(&instrument, &model, &telecentric, &entocentric)
+    }
+
+    fn pair_up(instrument: &Instrument, model: &Model, telecentric: &[Feature], entocentric: &[Feature]) -> Vec<Match> {
+        let epipole = Epipole::new(model, &instrument.sensor, instrument.depth_range());
+        let mut pairs = Vec::new();
+        Matcher::default().pair_up(&epipole, telecentric, entocentric, &MatchOptions::default(), &mut pairs);
+        pairs
     }
 
     #[test]
@@ -306,8 +305,7 @@ mod tests {
         let [telecentric, mut entocentric] = features(&instrument, &model, &[[5.0, 0.0, 300.0]]);
         let twin = PixelPoint { u: entocentric[0].centre.u + 3.0, ..entocentric[0].centre };
         entocentric.push(Feature { centre: twin, ..entocentric[0] });
-        let (sensor, range) = (&instrument.sensor, instrument.depth_range());
-        let pairs = pair_up(&model, sensor, range, &telecentric, &entocentric, &MatchOptions::default());
+        let pairs = pair_up(&instrument, &model, &telecentric, &entocentric);
         assert_eq!(pairs.len(), 1);
         assert!(pairs[0].ambiguous);
     }
@@ -321,10 +319,15 @@ mod tests {
             .map(|turn| [7.0 * turn.cos(), 7.0 * turn.sin(), 300.0 + 60.0 * (3.7 * turn).sin()])
             .collect();
         let [telecentric, entocentric] = features(&instrument, &model, &objects_mm);
-        let cells = Cells::new(&entocentric);
-        for (index, feature) in telecentric.iter().enumerate() {
-            let line = SearchLine::new(&model, &instrument.sensor, instrument.depth_range(), feature.centre);
-            assert!(cells.along(&line, 4.0).any(|other| other == index), "{:?}", objects_mm[index]);
+        let epipole = Epipole::new(&model, &instrument.sensor, instrument.depth_range());
+        let mut cells = Cells::default();
+        for crowd in [0.3, 5.0, 100.0] {
+            cells.fill(entocentric.iter().map(|feature| [feature.centre.u, feature.centre.v]), crowd);
+            for (index, feature) in (0..).zip(&telecentric) {
+                let (line, mut times) = (SearchLine::new(&epipole, feature.centre), 0);
+                along(&cells, &line, 4.0, |other| times += usize::from(other == index));
+                assert_eq!(times, 1, "{:?}", objects_mm[index as usize]);
+            }
         }
     }
 }

@@ -2,7 +2,9 @@
 
 use std::sync::OnceLock;
 
-use twinpupil_instrument::{ImagePoint, Instrument, PointResponse, Projection, ResponseTable};
+use twinpupil_instrument::{Chief, ImagePoint, Instrument, Projection, ResponseTable};
+
+use crate::response::{Local, Response};
 
 /// First-order projections of all bands, and how the lens departs from them. The telecentric band comes first, then the
 /// entocentric one, then the others, if there are any.
@@ -11,21 +13,32 @@ pub(crate) struct Model {
     projections: Vec<Projection>,
     /// Indices of the bands in the table.
     bands: Vec<usize>,
-    /// Where what the lens adds changes unevenly, of each band.
-    uneven: Vec<Uneven>,
+    /// What the lens adds, of each band; none without a table.
+    responses: Vec<Response>,
     table: Option<ResponseTable>,
 }
 
 /// Where the centroid of a round feature's light falls on the sensor in the telecentric and the entocentric band.
 pub(crate) type ImagePair = [ImagePoint; 2];
 
+/// Image of a round feature and how it moves with the feature's centre.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct DiscImage {
+    /// Centroid of all its light.
+    pub(crate) image: ImagePoint,
+    /// Change of both coordinates with x, y and z of the centre.
+    pub(crate) slopes: [[f64; 3]; 2],
+    /// Whether the lens does something else to every part of it.
+    pub(crate) uneven: bool,
+}
+
 impl Model {
     pub(crate) fn new(instrument: &Instrument, table: Option<ResponseTable>) -> Self {
         let bands = instrument.bands_by_role();
         let projections = bands.iter().map(|band| instrument.projection(&instrument.bands[*band])).collect();
-        let uneven_of = |band: &usize| table.as_ref().map(|table| Uneven::of(table, *band)).unwrap_or_default();
-        let uneven = bands.iter().map(uneven_of).collect();
-        Self { projections, bands, uneven, table }
+        let of_table = |table: &ResponseTable| bands.iter().map(|band| Response::of(table, *band)).collect();
+        let responses = table.as_ref().map(of_table).unwrap_or_default();
+        Self { projections, bands, responses, table }
     }
 
     /// Number of bands.
@@ -48,6 +61,19 @@ impl Model {
         self.projections[band].image(object_mm)
     }
 
+    /// First-order image of an object point in a band, and how it moves with the point.
+    pub(crate) fn chief_disc(&self, band: usize, [x_mm, y_mm, z_mm]: [f64; 3]) -> DiscImage {
+        let projection = &self.projections[band];
+        let chief = projection.chief(z_mm);
+        let [m, t] = [chief.magnification, chief.magnification_slope];
+        let [cx, cy] = projection.pupil_centre_mm;
+        DiscImage {
+            image: ImagePoint { x_mm: m * x_mm + chief.shift * cx, y_mm: m * y_mm + chief.shift * cy },
+            slopes: [[m, 0.0, t * x_mm + chief.shift_slope * cx], [0.0, m, t * y_mm + chief.shift_slope * cy]],
+            uneven: false,
+        }
+    }
+
     /// First-order images of an object point in the pair.
     pub(crate) fn chief_images(&self, object_mm: [f64; 3]) -> ImagePair {
         [0, 1].map(|band| self.chief_image(band, object_mm))
@@ -60,7 +86,13 @@ impl Model {
 
     /// Magnification of a band at a distance.
     pub(crate) fn magnification(&self, band: usize, z_mm: f64) -> f64 {
-        self.projections[band].magnification(z_mm)
+        self.projections[band].chief(z_mm).magnification
+    }
+
+    /// One over the magnification of a band at a distance, and its slope there, 1/mm: it is linear in the distance.
+    pub(crate) fn reduction(&self, band: usize, z_mm: f64) -> (f64, f64) {
+        let chief = self.projections[band].chief(z_mm);
+        (1.0 / chief.magnification, -chief.magnification_slope / chief.magnification.powi(2))
     }
 
     /// Radii of the telecentric and the entocentric image of a point at a distance, mm.
@@ -75,85 +107,114 @@ impl Model {
     /// the mean over the disc of the points' images, weighted by their light:
     ///
     /// ```text
-    /// ∫ w J p dA / ∫ w J dA        p = m(z) X + δ(ρ, z) X/ρ,   J = m² + m m′(z) (X·∇z)
+    /// p̄ = ∫ w J p dA / ∫ w J dA      p = q + δ(ρ, z) q/|q|,  q = m(z) X + s(z) c,  J = m² + m m′(z) (X·∇z)
+    /// p̄′ = ∫ (w J p′ + w′ J (p − p̄)) dA / ∫ w J dA
     /// ```
     ///
-    /// with the throughput w and the radial deviation δ of the table, and the image area J of an area of the disc.
-    pub(crate) fn image(&self, band: usize, centre_mm: [f64; 3], disc: &Disc) -> ImagePoint {
-        const DIFFERENCE_MM: f64 = 0.01;
+    /// with the throughput w and the radial deviation δ of the table, and the image area J of an area of the disc, which
+    /// changes too slowly to matter for the slopes.
+    pub(crate) fn image(&self, band: usize, centre_mm: [f64; 3], disc: &Disc) -> DiscImage {
         let projection = &self.projections[band];
-        let [x_mm, y_mm, z_mm] = centre_mm;
-        let slope = (projection.magnification(z_mm + DIFFERENCE_MM) - projection.magnification(z_mm - DIFFERENCE_MM))
-            / (2.0 * DIFFERENCE_MM);
+        let response = self.responses.get(band);
+        let r_mm = (centre_mm[0] * centre_mm[0] + centre_mm[1] * centre_mm[1]).sqrt();
         // Where the light changes evenly over the disc four points are as good as many.
-        let uneven = self.uneven[band].within(x_mm.hypot(y_mm), 0.5 * disc.diameter_mm);
-        let nodes: &'static [[f64; 2]] = if uneven { unit_disc() } else { &EVEN_NODES };
-        let (mut light, mut moment) = (0.0, [0.0; 2]);
-        for offset_mm in disc.places(nodes) {
-            let point_mm: [f64; 3] = std::array::from_fn(|axis| centre_mm[axis] + offset_mm[axis]);
-            let [x_mm, y_mm, z_mm] = point_mm;
-            let (chief, magnification) = projection.image_and_magnification(point_mm);
-            let (image, throughput) = match &self.table {
-                Some(table) => table.image(self.bands[band], (x_mm * x_mm + y_mm * y_mm).sqrt(), z_mm, chief),
-                None => (chief, 1.0),
-            };
+        let uneven = response.is_some_and(|response| response.bends_within(r_mm, 0.5 * disc.diameter_mm));
+        let nodes = if uneven { uneven_nodes() } else { &EVEN_NODES };
+        let at_distance = |z_mm: f64| (projection.chief(z_mm), response.map(|response| response.slice(z_mm)));
+        let (mut level, tilted) = (at_distance(centre_mm[2]), disc.slopes != [0.0; 2]);
+        let mut mean = Mean::default();
+        for (offset_mm, share) in disc.places(nodes) {
+            let [x_mm, y_mm, z_mm] = std::array::from_fn(|axis| centre_mm[axis] + offset_mm[axis]);
+            if tilted {
+                level = at_distance(z_mm);
+            }
+            let (chief, slice) = &level;
+            let r_mm = (x_mm * x_mm + y_mm * y_mm).sqrt();
+            let local = slice.map_or(Local::IDEAL, |slice| slice.at(r_mm));
             let across = x_mm * disc.slopes[0] + y_mm * disc.slopes[1];
-            let stretch = magnification * (magnification + slope * across);
-            light += throughput * stretch;
-            moment[0] += throughput * stretch * image.x_mm;
-            moment[1] += throughput * stretch * image.y_mm;
+            let area = share * chief.magnification * (chief.magnification + chief.magnification_slope * across);
+            let inverse = if r_mm > 0.0 { 1.0 / r_mm } else { 0.0 };
+            let towards = [x_mm * inverse, y_mm * inverse];
+            mean.add(area, local, towards, point_image(projection, chief, [x_mm, y_mm], towards, &local));
         }
-        if light > 0.0 {
-            ImagePoint { x_mm: moment[0] / light, y_mm: moment[1] / light }
+        if mean.light > 0.0 {
+            DiscImage { uneven, ..mean.settled() }
         } else {
-            projection.image(centre_mm)
+            DiscImage { uneven, ..self.chief_disc(band, centre_mm) }
         }
     }
 }
 
-/// Where a band's response bends with the distance from the axis: where the masks and the stop begin to clip, and for a
-/// real lens perhaps everywhere.
-#[derive(Debug, Clone, Default)]
-struct Uneven {
-    /// First node and distance between nodes, mm.
-    start_mm: f64,
-    step_mm: f64,
-    /// For every node, how many nodes before it are bent at some distance.
-    before: Vec<u32>,
+/// Image of a point and its slopes: the first-order image moved along its own radius.
+#[inline]
+fn point_image(
+    projection: &Projection,
+    chief: &Chief,
+    [x_mm, y_mm]: [f64; 2],
+    towards: [f64; 2],
+    local: &Local,
+) -> ([f64; 2], [[f64; 3]; 2]) {
+    let [cx, cy] = projection.pupil_centre_mm;
+    let m = chief.magnification;
+    let q = [m * x_mm + chief.shift * cx, m * y_mm + chief.shift * cy];
+    let q_slopes = [
+        chief.magnification_slope * x_mm + chief.shift_slope * cx,
+        chief.magnification_slope * y_mm + chief.shift_slope * cy,
+    ];
+    let radius_mm = (q[0] * q[0] + q[1] * q[1]).sqrt();
+    let inverse = if radius_mm > 0.0 { 1.0 / radius_mm } else { 0.0 };
+    let (unit, turn) = ([q[0] * inverse, q[1] * inverse], local.radial_deviation_mm * inverse);
+    let scale = 1.0 + turn;
+    let [by_r, by_z] = local.deviation_slopes;
+    // How much farther out the deviation takes the image, less what the turn of the radius already does.
+    let outward = [
+        by_r * towards[0] - turn * m * unit[0],
+        by_r * towards[1] - turn * m * unit[1],
+        by_z - turn * (q_slopes[0] * unit[0] + q_slopes[1] * unit[1]),
+    ];
+    let slopes = [
+        [m * scale + unit[0] * outward[0], unit[0] * outward[1], q_slopes[0] * scale + unit[0] * outward[2]],
+        [unit[1] * outward[0], m * scale + unit[1] * outward[1], q_slopes[1] * scale + unit[1] * outward[2]],
+    ];
+    ([q[0] * scale, q[1] * scale], slopes)
 }
 
-impl Uneven {
-    fn of(table: &ResponseTable, band: usize) -> Self {
-        const THROUGHPUT: f64 = 1e-4;
-        const DEVIATION_MM: f64 = 1e-6;
-        let bent = |node: usize| {
-            let mut rows = table.bands[band].nodes.chunks_exact(table.r_mm.count);
-            rows.any(|row| {
-                let [Some(a), Some(b), Some(c)] =
-                    [node.checked_sub(1), Some(node), Some(node + 1)].map(|node| node.and_then(|node| row.get(node)))
-                else {
-                    return false;
-                };
-                let bend = |value: fn(&PointResponse) -> f64| (value(a) - 2.0 * value(b) + value(c)).abs();
-                bend(|node| node.throughput) > THROUGHPUT || bend(|node| node.radial_deviation_mm) > DEVIATION_MM
-            })
-        };
-        let count = |sum: &mut u32, node: usize| {
-            let before = *sum;
-            *sum += u32::from(bent(node));
-            Some(before)
-        };
-        let before = (0..=table.r_mm.count).scan(0, count).collect();
-        Self { start_mm: table.r_mm.start, step_mm: table.r_mm.step, before }
+/// The mean over a disc of its points' images, weighted by their light, while it is summed.
+#[derive(Debug, Clone, Copy, Default)]
+struct Mean {
+    light: f64,
+    light_slopes: [f64; 3],
+    moment: [f64; 2],
+    moment_slopes: [[f64; 3]; 2],
+}
+
+impl Mean {
+    #[inline]
+    fn add(&mut self, area: f64, local: Local, towards: [f64; 2], (image, slopes): ([f64; 2], [[f64; 3]; 2])) {
+        let light = area * local.throughput;
+        let [by_r, by_z] = local.throughput_slopes.map(|slope| area * slope);
+        let light_slopes = [by_r * towards[0], by_r * towards[1], by_z];
+        self.light += light;
+        for axis in 0..3 {
+            self.light_slopes[axis] += light_slopes[axis];
+        }
+        for k in 0..2 {
+            self.moment[k] += light * image[k];
+            for axis in 0..3 {
+                self.moment_slopes[k][axis] += light * slopes[k][axis] + light_slopes[axis] * image[k];
+            }
+        }
     }
 
-    /// Whether the response bends within a distance of a place.
-    fn within(&self, r_mm: f64, reach_mm: f64) -> bool {
-        let Some(last) = self.before.len().checked_sub(1) else { return false };
-        let node = |r_mm: f64| (r_mm - self.start_mm) / self.step_mm;
-        let first = (node(r_mm - reach_mm).floor().max(0.0) as usize).min(last);
-        let end = ((node(r_mm + reach_mm).ceil().max(0.0) as usize) + 1).min(last);
-        self.before[end] > self.before[first]
+    fn settled(&self) -> DiscImage {
+        let inverse = 1.0 / self.light;
+        let mean = self.moment.map(|moment| moment * inverse);
+        let slope = |k: usize, axis: usize| (self.moment_slopes[k][axis] - mean[k] * self.light_slopes[axis]) * inverse;
+        DiscImage {
+            image: ImagePoint { x_mm: mean[0], y_mm: mean[1] },
+            slopes: std::array::from_fn(|k| std::array::from_fn(|axis| slope(k, axis))),
+            uneven: false,
+        }
     }
 }
 
@@ -166,43 +227,46 @@ pub(crate) struct Disc {
     pub(crate) slopes: [f64; 2],
 }
 
-/// Rings and spokes of the quadrature over a disc, over equal areas.
-const RINGS: usize = 4;
-const SPOKES: usize = 12;
+/// A point that stands for a part of the unit disc, and that part's share of its area.
+type Node = ([f64; 2], f64);
 
 impl Disc {
     /// Points spread over the disc as `nodes` are over the unit disc, relative to its centre, mm. Their second moments
     /// are the disc's.
-    fn places(&self, nodes: &'static [[f64; 2]]) -> impl Iterator<Item = [f64; 3]> + use<> {
+    fn places(&self, nodes: &'static [Node]) -> impl Iterator<Item = ([f64; 3], f64)> + use<> {
         let [sx, sy] = self.slopes;
         // Two unit vectors in the surface: along the steepest slope, where the disc is foreshortened, and across it.
-        let steepest = sx.hypot(sy);
+        let steepest = (sx * sx + sy * sy).sqrt();
         let (ux, uy) = if steepest > 0.0 { (sx / steepest, sy / steepest) } else { (1.0, 0.0) };
-        let cos_tilt = 1.0 / 1.0_f64.hypot(steepest);
+        let cos_tilt = 1.0 / (1.0 + steepest * steepest).sqrt();
         let radius_mm = 0.5 * self.diameter_mm;
-        nodes.iter().map(move |[u, v]| {
+        nodes.iter().map(move |([u, v], share)| {
             let (along, across) = (radius_mm * u * cos_tilt, radius_mm * v);
-            [along * ux - across * uy, along * uy + across * ux, along * steepest]
+            ([along * ux - across * uy, along * uy + across * ux, along * steepest], *share)
         })
     }
 }
 
 /// Four points that stand for the unit disc: the mean over them is that over the disc of every cubic function.
-const EVEN_NODES: [[f64; 2]; 4] = {
+const EVEN_NODES: [Node; 4] = {
     let half = std::f64::consts::FRAC_1_SQRT_2;
-    [[half, 0.0], [0.0, half], [-half, 0.0], [0.0, -half]]
+    [([half, 0.0], 0.25), ([0.0, half], 0.25), ([-half, 0.0], 0.25), ([0.0, -half], 0.25)]
 };
 
-/// Points spread over the unit disc, each for an equal area.
-fn unit_disc() -> &'static [[f64; 2]] {
-    static NODES: OnceLock<Vec<[f64; 2]>> = OnceLock::new();
+/// Points for where the light changes unevenly: three rings, by Gauss and Legendre in the square of the radius.
+fn uneven_nodes() -> &'static [Node] {
+    const SPOKES: usize = 8;
+    static NODES: OnceLock<Vec<Node>> = OnceLock::new();
     NODES.get_or_init(|| {
-        let node = |ring: usize, spoke: usize| {
-            let radius = ((ring as f64 + 0.5) / RINGS as f64).sqrt();
-            let (sin, cos) = (std::f64::consts::TAU * (spoke as f64 + 0.5) / SPOKES as f64).sin_cos();
-            [radius * cos, radius * sin]
+        let off = 0.5 * 0.6_f64.sqrt();
+        let rings = [(0.5 - off, 5.0 / 18.0, 0.5), (0.5, 8.0 / 18.0, 0.0), (0.5 + off, 5.0 / 18.0, 0.5)];
+        let ring = |(radius2, share, turn): (f64, f64, f64)| {
+            (0..SPOKES).map(move |spoke| {
+                let (sin, cos) = (std::f64::consts::TAU * (spoke as f64 + turn) / SPOKES as f64).sin_cos();
+                ([radius2.sqrt() * cos, radius2.sqrt() * sin], share / SPOKES as f64)
+            })
         };
-        (0..RINGS).flat_map(|ring| (0..SPOKES).map(move |spoke| node(ring, spoke))).collect()
+        rings.into_iter().flat_map(ring).collect()
     })
 }
 
@@ -211,7 +275,7 @@ mod tests {
     use super::*;
     const FACING: Disc = Disc { diameter_mm: 1.0, slopes: [0.0; 2] };
 
-    use twinpupil_instrument::{BandResponse, Grid, paper};
+    use twinpupil_instrument::{BandResponse, Grid, PointResponse, paper};
 
     fn table(response: impl Fn(f64) -> PointResponse) -> ResponseTable {
         let (r_mm, z_mm) = (Grid::spanning(0.0, 10.0, 401), Grid::spanning(240.0, 360.0, 2));
@@ -232,7 +296,7 @@ mod tests {
         let model = Model::new(&paper::instrument(), Some(ideal));
         let object_mm = [3.0, -1.0, 280.0];
         for band in [0, 1] {
-            let (image, chief) = (model.image(band, object_mm, &FACING), model.chief_image(band, object_mm));
+            let (image, chief) = (model.image(band, object_mm, &FACING).image, model.chief_image(band, object_mm));
             assert!((image.x_mm - chief.x_mm).abs() < 1e-12 && (image.y_mm - chief.y_mm).abs() < 1e-12);
         }
     }
@@ -244,7 +308,7 @@ mod tests {
         let model = Model::new(&paper::instrument(), Some(shaded));
         let object_mm = [8.0, 0.0, 300.0];
         let expected_mm = 0.51 * 0.25 * 0.25 / 8.0;
-        let shift_mm = model.image(0, object_mm, &FACING).x_mm - model.chief_image(0, object_mm).x_mm;
+        let shift_mm = model.image(0, object_mm, &FACING).image.x_mm - model.chief_image(0, object_mm).x_mm;
         assert!((shift_mm / expected_mm - 1.0).abs() < 0.02, "{shift_mm} {expected_mm}");
     }
 
@@ -256,7 +320,7 @@ mod tests {
         let tilt = 45.0_f64.to_radians();
         let disc = Disc { diameter_mm: 1.0, slopes: [tilt.tan(), 0.0] };
         let centre_mm = [0.0, 4.0, 300.0];
-        let [telecentric, entocentric] = [0, 1].map(|band| model.image(band, centre_mm, &disc));
+        let [telecentric, entocentric] = [0, 1].map(|band| model.image(band, centre_mm, &disc).image);
         let [telecentric_chief, entocentric_chief] = model.chief_images(centre_mm);
         let expected_mm = -4.0 * tilt.tan() * 151.0 * (0.5 * tilt.cos()).powi(2) / 4.0 / 300.0_f64.powi(2);
         assert!(((entocentric.x_mm - entocentric_chief.x_mm) / expected_mm - 1.0).abs() < 1e-3);
@@ -268,15 +332,44 @@ mod tests {
         let bent = |r: f64| if r < 4.0 { 0.25 * r } else { 1.0 };
         let clipped = table(|r| PointResponse { throughput: bent(r), radial_deviation_mm: 0.01, aberration_mm: 0.0 });
         let model = Model::new(&paper::instrument(), Some(clipped));
-        assert!(model.uneven[0].within(4.4, 0.5) && !model.uneven[0].within(4.6, 0.5));
-        let everywhere =
-            || Uneven { before: (0..model.uneven[0].before.len() as u32).collect(), ..model.uneven[0].clone() };
-        let always = Model { uneven: vec![everywhere(), everywhere()], ..model.clone() };
+        assert!(model.responses[0].bends_within(4.4, 0.5) && !model.responses[0].bends_within(4.6, 0.5));
+        let mut always = model.clone();
+        always.responses.iter_mut().for_each(Response::bend_everywhere);
         let disc = Disc { diameter_mm: 1.0, slopes: [1.0, 0.3] };
         let object_mm = [5.2, 1.0, 290.0];
         for band in [0, 1] {
-            let [few, many] = [&model, &always].map(|model| model.image(band, object_mm, &disc));
+            let [few, many] = [&model, &always].map(|model| model.image(band, object_mm, &disc).image);
             assert!((few.x_mm - many.x_mm).hypot(few.y_mm - many.y_mm) < 1e-6, "{few:?} {many:?}");
+        }
+    }
+
+    #[test]
+    fn slopes_are_those_of_the_image() {
+        const STEP_MM: f64 = 1e-4;
+        // Clipped, displaced and off the axis.
+        let clipped = table(|r| PointResponse {
+            throughput: (0.2 * r).min(0.6),
+            radial_deviation_mm: 0.05 * (3.0 - r).max(0.0),
+            aberration_mm: 0.0,
+        });
+        let model = Model::new(&paper::instrument(), Some(clipped));
+        let disc = Disc { diameter_mm: 0.4, slopes: [0.3, -0.2] };
+        for centre_mm in [[1.2, 0.8, 280.0], [-0.4, 2.2, 320.0], [5.0, -4.0, 300.0]] {
+            for band in [0, 1] {
+                let found = model.image(band, centre_mm, &disc);
+                for axis in 0..3 {
+                    let at = |sign: f64| {
+                        let mut moved_mm = centre_mm;
+                        moved_mm[axis] += sign * STEP_MM;
+                        model.image(band, moved_mm, &disc).image
+                    };
+                    let (a, b) = (at(-1.0), at(1.0));
+                    let expected = [b.x_mm - a.x_mm, b.y_mm - a.y_mm].map(|change| change / (2.0 * STEP_MM));
+                    for (slopes, expected) in found.slopes.iter().zip(expected) {
+                        assert!((slopes[axis] - expected).abs() < 2e-3, "{centre_mm:?} {axis}: {found:?} {expected}");
+                    }
+                }
+            }
         }
     }
 }

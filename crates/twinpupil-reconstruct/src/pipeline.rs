@@ -10,9 +10,8 @@ use twinpupil_instrument::{
 use crate::background::Polarity;
 use crate::detect::{DetectOptions, Detection, Detector, Estimator, Feature};
 use crate::further::{FurtherImage, Group, match_predicted};
-use crate::likelihood::joint::Workspace;
-use crate::likelihood::refine::{ForwardModel, Refined, Seed};
-use crate::matching::{Match, MatchOptions, pair_up};
+use crate::likelihood::refine::{ForwardModel, Refined, Seed, Workspace};
+use crate::matching::{Epipole, Match, MatchOptions, Matcher};
 use crate::model::{Disc, Model};
 use crate::noise::{Noise, NoiseSource};
 use crate::planes::Planes;
@@ -20,7 +19,7 @@ use crate::position::{Position, Sighting, first_order_position_mm, gamma, model_
 use crate::register::{mapped_centre, onto_reference};
 use crate::rejection::{Rejection, RejectionReason};
 use crate::shading::Shading;
-use crate::slope::local_slopes;
+use crate::slope::{NEIGHBOURS, Slopes};
 use crate::unmix::Crosstalk;
 
 /// How points are computed.
@@ -141,8 +140,32 @@ fn probable_height_codes(feature: &Feature) -> f64 {
     if feature.saturated { OVEREXPOSED * feature.height_codes } else { feature.height_codes }
 }
 
-/// Times that points and the tilts between them are computed in turn.
-const TILT_ROUNDS: usize = 2;
+impl Placed {
+    /// Moves it to a position, unless that is none; says whether it did.
+    fn settle(&mut self, position: &Position, diameter_mm: f64) -> bool {
+        let std_mm = position.std_mm();
+        let finite = position.position_mm.iter().chain(&std_mm).all(|value| value.is_finite());
+        if finite {
+            let point = &mut self.point;
+            (point.position_mm, point.std_mm, point.diameter_mm) = (position.position_mm, std_mm, diameter_mm);
+            let covariance_mm2 = &position.covariance_mm2;
+            point.covariance_mm2 = std::array::from_fn(|i| std::array::from_fn(|k| covariance_mm2[(i, k)]));
+        }
+        finite
+    }
+}
+
+/// What features are paired and placed with; its buffers are used again from frame to frame.
+#[derive(Debug, Clone, Default)]
+struct Placing {
+    matcher: Matcher,
+    slopes: Slopes,
+    pairs: Vec<Match>,
+    /// The groups that were found last, and their points.
+    groups: Vec<Group>,
+    points: Vec<Option<Placed>>,
+    sightings: Vec<Sighting>,
+}
 
 /// An instrument made ready to read frames.
 #[derive(Debug, Clone)]
@@ -187,7 +210,9 @@ impl Reconstructor {
             return Ok(self.points_from(&detections));
         }
         self.check_registrations()?;
-        let (groups, points) = self.placed(&detections);
+        let mut placing = Placing::default();
+        self.placed(&detections, &mut placing);
+        let Placing { groups, points, .. } = placing;
         let views = (0..bands).map(|band| planes.of_band(self.index(band))).collect::<Result<Vec<_>, _>>()?;
         let refinement = self.refined(&views, &detections, &groups, points);
         Ok(self.account(&detections, &groups, refinement))
@@ -232,8 +257,9 @@ impl Reconstructor {
         let mut seeds: Vec<Seed> = points.iter().flatten().map(seed).collect();
         let placed = seeds.len();
         seeds.extend(self.lone_seeds(detections, &signs, groups, &points));
-        let mut refined =
-            self.forward.refine(planes, &seeds, &background, &mut Workspace::default()).into_iter().take(placed);
+        let mut refined = Vec::new();
+        self.forward.refine(planes, &seeds, &background, &mut Workspace::default(), &mut refined);
+        let mut refined = refined.into_iter().take(placed);
         let mut is_other = vec![false; points.len()];
         for (place, is_other) in points.iter_mut().zip(&mut is_other) {
             let Some(point) = place else { continue };
@@ -281,11 +307,20 @@ impl Reconstructor {
         points: &mut [Option<Placed>],
         is_other: &[bool],
     ) {
+        let mut sightings = Vec::new();
         for ((place, group), _) in points.iter_mut().zip(groups).zip(is_other).filter(|(_, is_other)| **is_other) {
-            let again = self.point(detections, group, None, [0.0; 2]);
-            *place = again.or_else(|| place.take());
+            if let Some(again) = self.point(detections, group, &mut sightings) {
+                *place = Some(again);
+            }
         }
-        self.lean(detections, groups, points, is_other);
+        let mut slopes = Slopes::default();
+        slopes.lay_through(points.iter().flatten().map(|placed| placed.point.position_mm), NEIGHBOURS);
+        for (placed, _) in points.iter_mut().zip(is_other).filter(|(_, is_other)| **is_other) {
+            if let Some(placed) = placed {
+                let slopes = slopes.at(placed.point.position_mm).unwrap_or_default();
+                self.place_again(placed, slopes, &mut sightings);
+            }
+        }
     }
 
     fn place(&self, Placed { point, further }: &mut Placed, refined: &Refined) {
@@ -354,17 +389,6 @@ impl Reconstructor {
         seeds
     }
 
-    fn pair(&self, telecentric: &Detection, entocentric: &Detection) -> Vec<Match> {
-        pair_up(
-            &self.model,
-            &self.instrument.sensor,
-            self.instrument.depth_range(),
-            &telecentric.features,
-            &entocentric.features,
-            &self.options.matching,
-        )
-    }
-
     /// Index in the instrument of a band of the model.
     fn index(&self, band: usize) -> usize {
         self.model.index(band)
@@ -378,8 +402,9 @@ impl Reconstructor {
     /// Pairs the features of the two bands, finds what the others show of the pairs, and places them: what
     /// [`Reconstructor::frame`] does once it has detected. The telecentric and the entocentric band come first.
     pub fn points_from(&self, detections: &[Detection]) -> Reconstruction {
-        let (groups, points) = self.placed(detections);
-        self.account(detections, &groups, points)
+        let mut placing = Placing::default();
+        self.placed(detections, &mut placing);
+        self.account(detections, &placing.groups, placing.points)
     }
 
     /// The features of the band with a role.
@@ -456,40 +481,37 @@ impl Reconstructor {
 
     /// The point of every pair; first by the pair alone and as if all features faced the camera, then with the tilt of
     /// the surface that their neighbours show and with what the further bands show at the place where it is predicted.
-    fn placed(&self, detections: &[Detection]) -> (Vec<Group>, Vec<Option<Placed>>) {
-        let pairs = self.pair(&detections[0], &detections[1]);
-        let mut groups: Vec<Group> = pairs.into_iter().map(Group::of).collect();
-        let point =
-            |group: &Group, before: Option<&Placed>, slopes: [f64; 2]| self.point(detections, group, before, slopes);
-        let mut points: Vec<Option<Placed>> = groups.iter().map(|group| point(group, None, [0.0; 2])).collect();
+    fn placed(&self, detections: &[Detection], placing: &mut Placing) {
+        let Placing { matcher, slopes, pairs, groups, points, sightings } = placing;
+        let epipole = Epipole::new(&self.model, &self.instrument.sensor, self.instrument.depth_range());
+        let [telecentric, entocentric] = [0, 1].map(|band| &detections[band].features[..]);
+        matcher.pair_up(&epipole, telecentric, entocentric, &self.options.matching, pairs);
+        groups.clear();
+        groups.extend(pairs.drain(..).map(Group::of));
+        points.clear();
+        points.extend(groups.iter().map(|group| self.point(detections, group, sightings)));
         if self.options.mode == Mode::Paper {
-            return (groups, points);
+            return;
         }
-        self.find_further(detections, &mut groups, &points);
+        self.find_further(detections, groups, points);
         // The fit of pixels finds slopes by itself.
-        if self.options.mode == Mode::Centroid {
-            let all = vec![true; points.len()];
-            self.lean(detections, &groups, &mut points, &all);
-        } else if detections.len() > 2 {
-            for (place, group) in points.iter_mut().zip(&groups) {
-                let again = place.as_ref().and_then(|before| point(group, Some(before), [0.0; 2]));
-                *place = again.or_else(|| place.take());
-            }
+        let tilts = self.options.mode == Mode::Centroid;
+        if tilts {
+            slopes.lay_through(points.iter().flatten().map(|placed| placed.point.position_mm), NEIGHBOURS);
         }
-        (groups, points)
-    }
-
-    /// Places points anew on the surfaces that all of them show.
-    fn lean(&self, detections: &[Detection], groups: &[Group], points: &mut [Option<Placed>], which: &[bool]) {
-        for _ in 0..TILT_ROUNDS {
-            let known: Vec<[f64; 3]> = points.iter().flatten().map(|placed| placed.point.position_mm).collect();
-            let mut slopes = local_slopes(&known, &known).into_iter();
-            for ((place, group), which) in points.iter_mut().zip(groups).zip(which) {
-                let Some(before) = place else { continue };
-                let slopes = slopes.next().flatten().unwrap_or_default();
-                let again = if *which { self.point(detections, group, Some(before), slopes) } else { None };
-                if again.is_some() {
-                    *place = again;
+        if tilts || detections.len() > 2 {
+            for (point, group) in points.iter_mut().zip(groups) {
+                if let Some(placed) = point {
+                    placed.further.clear();
+                    placed.further.extend(
+                        group
+                            .further
+                            .iter()
+                            .enumerate()
+                            .map(|(k, index)| index.map(|index| detections[2 + k].features[index])),
+                    );
+                    let slopes = if tilts { slopes.at(placed.point.position_mm).unwrap_or_default() } else { [0.0; 2] };
+                    self.place_again(placed, slopes, sightings);
                 }
             }
         }
@@ -502,7 +524,7 @@ impl Reconstructor {
                 .iter()
                 .map(|placed| {
                     let Point { position_mm, diameter_mm, .. } = placed.as_ref()?.point;
-                    let image = self.model.image(band, position_mm, &Disc { diameter_mm, slopes: [0.0; 2] });
+                    let image = self.model.image(band, position_mm, &Disc { diameter_mm, slopes: [0.0; 2] }).image;
                     Some(self.instrument.sensor.pixel_from_image(image))
                 })
                 .collect();
@@ -518,53 +540,30 @@ impl Reconstructor {
         Sighting { band, image, std_mm: feature.centre_std_px.map(|std_px| std_px * sensor.pitch_mm) }
     }
 
-    /// The point of one group on a surface with slopes; what was known of it before tells its size.
-    fn point(
-        &self,
-        detections: &[Detection],
-        group: &Group,
-        before: Option<&Placed>,
-        slopes: [f64; 2],
-    ) -> Option<Placed> {
-        let feature = |band: usize| group.feature(band).map(|index| detections[band].features[index]);
-        let features = [feature(0)?, feature(1)?];
-        let further: Vec<Option<Feature>> = (2..2 + group.further.len()).map(feature).collect();
+    /// The point of one group by its pair alone, on a surface that faces the camera.
+    fn point(&self, detections: &[Detection], group: &Group, sightings: &mut Vec<Sighting>) -> Option<Placed> {
+        let Match { telecentric, entocentric, azimuth_residual_px, ambiguous } = group.pair;
+        let features = [detections[0].features[telecentric], detections[1].features[entocentric]];
         let measured = [self.sighting(0, &features[0]), self.sighting(1, &features[1])];
-        let start_mm = match before {
-            Some(placed) => placed.point.position_mm,
-            None => first_order_position_mm(&self.instrument, &self.model, &measured)?,
+        let (position, diameter_mm) = if self.options.mode == Mode::Paper {
+            let position = paper_position(&self.instrument, &self.model, &measured)?;
+            (position, self.apparent_diameter_mm(&features, position.position_mm[2]))
+        } else {
+            let start_mm = first_order_position_mm(&self.instrument, &self.model, &measured)?;
+            let diameter_mm = self.apparent_diameter_mm(&features, start_mm[2]);
+            sightings.clear();
+            sightings.extend_from_slice(&measured);
+            (model_position(&self.model, sightings, &Disc { diameter_mm, slopes: [0.0; 2] }, start_mm)?, diameter_mm)
         };
-        // A tilted disc looks smaller by the cosine of its tilt.
-        let foreshortening = 1.0 / (1.0 + slopes[0].powi(2) + slopes[1].powi(2)).sqrt();
-        let diameter_mm = self.apparent_diameter_mm(&features, start_mm[2]) / foreshortening.sqrt();
-        let mut sightings = measured.to_vec();
-        let others =
-            further.iter().enumerate().filter_map(|(k, feature)| Some(self.sighting(2 + k, feature.as_ref()?)));
-        sightings.extend(others);
-        let position = match self.options.mode {
-            Mode::Paper => paper_position(&self.instrument, &self.model, &measured),
-            Mode::Centroid | Mode::Model => {
-                model_position(&self.model, &sightings, &Disc { diameter_mm, slopes }, start_mm)
-            }
-        }?;
-        let Position { position_mm, covariance_mm2, chi2 } = position;
-        let Match { azimuth_residual_px, ambiguous, .. } = group.pair;
         // What a pair leaves is how far it lies beside its azimuth.
-        let (match_chi2, match_dof) = match sightings.len() {
-            2 => {
-                let azimuth_std_px =
-                    features.iter().map(|f| f.centre_std_px[0].max(f.centre_std_px[1])).fold(0.0, f64::hypot);
-                ((azimuth_residual_px / azimuth_std_px.max(1e-9)).powi(2), 1)
-            }
-            images => (chi2, 2 * images - 3),
-        };
-        let finite = position_mm.iter().chain(&position.std_mm()).all(|value| value.is_finite());
+        let azimuth_std_px =
+            features.iter().map(|f| f.centre_std_px[0].max(f.centre_std_px[1]).powi(2)).sum::<f64>().sqrt();
         let point = Point {
-            position_mm,
-            std_mm: position.std_mm(),
-            covariance_mm2: std::array::from_fn(|i| std::array::from_fn(|k| covariance_mm2[(i, k)])),
-            match_chi2,
-            match_dof,
+            position_mm: [0.0; 3],
+            std_mm: [0.0; 3],
+            covariance_mm2: [[0.0; 3]; 3],
+            match_chi2: (azimuth_residual_px / azimuth_std_px.max(1e-9)).powi(2),
+            match_dof: 1,
             pixel_chi2: None,
             gamma: gamma(&measured),
             telecentric: features[0],
@@ -573,7 +572,28 @@ impl Reconstructor {
             diameter_mm,
             ambiguous,
         };
-        finite.then_some(Placed { point, further })
+        let mut placed = Placed { point, further: Vec::new() };
+        placed.settle(&position, diameter_mm).then_some(placed)
+    }
+
+    /// Places a point anew on a surface with slopes, by what all bands show of it; what was known of it tells its size.
+    fn place_again(&self, placed: &mut Placed, slopes: [f64; 2], sightings: &mut Vec<Sighting>) {
+        let features = [placed.point.telecentric, placed.point.entocentric];
+        let start_mm = placed.point.position_mm;
+        // A tilted disc looks smaller by the cosine of its tilt.
+        let foreshortening = 1.0 / (1.0 + slopes[0].powi(2) + slopes[1].powi(2)).sqrt();
+        let diameter_mm = self.apparent_diameter_mm(&features, start_mm[2]) / foreshortening.sqrt();
+        sightings.clear();
+        sightings.extend(features.iter().enumerate().map(|(band, feature)| self.sighting(band, feature)));
+        let further = placed.further.iter().enumerate();
+        sightings.extend(further.filter_map(|(k, feature)| Some(self.sighting(2 + k, feature.as_ref()?))));
+        let disc = Disc { diameter_mm, slopes };
+        if let Some(position) = model_position(&self.model, sightings, &disc, start_mm)
+            && placed.settle(&position, diameter_mm)
+            && sightings.len() > 2
+        {
+            (placed.point.match_chi2, placed.point.match_dof) = (position.chi2, 2 * sightings.len() - 3);
+        }
     }
 
     /// Diameter of the disc of the outlines' area, facing the camera: from the larger of the two outlines, since the

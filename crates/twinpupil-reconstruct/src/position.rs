@@ -1,9 +1,9 @@
 //! From the image positions of one thing to a point in space.
 
-use nalgebra::{Matrix2x3, Matrix3, Vector2, Vector3};
+use nalgebra::{Matrix3, Vector3};
 use twinpupil_instrument::{ImagePoint, Instrument, position_from_radii_mm};
 
-use crate::model::{Disc, Model};
+use crate::model::{Disc, DiscImage, Model};
 
 /// A point in space with the covariance that its features' noise gives it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -26,15 +26,6 @@ pub(crate) struct Sighting {
     pub(crate) std_mm: [f64; 2],
 }
 
-impl Sighting {
-    /// One over the standard deviations.
-    fn weights(&self) -> Vector2<f64> {
-        // Features without noise still weigh evenly.
-        const STD_MIN_MM: f64 = 1e-9;
-        Vector2::from(self.std_mm.map(|std_mm| 1.0 / std_mm.max(STD_MIN_MM)))
-    }
-}
-
 /// Γ, the ratio of the telecentric to the entocentric radius.
 pub(crate) fn gamma(pair: &[Sighting; 2]) -> f64 {
     pair[0].image.radius_mm() / pair[1].image.radius_mm()
@@ -46,20 +37,20 @@ pub(crate) fn paper_position(instrument: &Instrument, model: &Model, pair: &[Sig
     let [telecentric, entocentric] = [pair[0].image, pair[1].image];
     let azimuth_rad = 0.5 * (telecentric.azimuth_rad() + entocentric.azimuth_rad());
     let position_mm = position_from_radii_mm(f, l, telecentric.radius_mm(), entocentric.radius_mm(), azimuth_rad)?;
-    let Normal { information, chi2, .. } =
-        Normal::of(model, pair, position_mm, |band, object_mm| model.chief_image(band, object_mm));
+    let mut normal = Normal::default();
+    pair.iter().for_each(|sighting| normal.add(sighting, &model.chief_disc(sighting.band, position_mm)));
+    let Normal { information, chi2, .. } = normal;
     Some(Position { position_mm, covariance_mm2: information.cholesky()?.inverse(), chi2 })
 }
 
 /// The point whose modelled images lie nearest to the measured ones, by weighted least squares over both coordinates of
-/// all images.
+/// all images; `None` where there is none near the start.
 ///
 /// ```text
 /// X ← X + (Σ_bands Jᵀ W J)⁻¹ Σ_bands Jᵀ W (p − p(X))        covariance (Σ Jᵀ W J)⁻¹
 /// ```
 ///
-/// Gauss–Newton from `start_mm`, with the slopes of the chief rays: what the lens adds to them changes slowly, so the
-/// steps still shrink fast, at a tenth of the cost. They end where the next one would be too small to matter.
+/// Gauss–Newton from `start_mm`. Steps end where the next one would be too small to matter.
 pub(crate) fn model_position(
     model: &Model,
     sightings: &[Sighting],
@@ -69,32 +60,44 @@ pub(crate) fn model_position(
     const ROUNDS: usize = 40;
     // A hundredth of the noise at its best.
     const RESTING_MM: f64 = 1e-5;
-    const RATIO_UNKNOWN: f64 = 0.5;
-    let normal_at =
-        |object_mm| Normal::of(model, sightings, object_mm, |band, object_mm| model.image(band, object_mm, disc));
     let mut object_mm = start_mm;
     let mut before_mm: Option<f64> = None;
     for _ in 0..ROUNDS {
-        let Normal { information, score, .. } = normal_at(object_mm);
-        let step = information.cholesky()?.solve(&score);
-        for (coordinate, change) in object_mm.iter_mut().zip(step.iter()) {
-            *coordinate += change;
+        let (normal, uneven) = Normal::of_discs(model, sightings, object_mm, disc);
+        let factor = normal.information.cholesky()?;
+        let mut step = factor.solve(&normal.score);
+        let mut step_mm = step.norm();
+        // Where the lens bends the image a step may lead too far.
+        if before_mm.is_some_and(|before_mm| step_mm > 0.5 * before_mm) {
+            step *= 0.5;
+            step_mm *= 0.5;
         }
-        if object_mm[2] <= 0.0 || !object_mm.iter().all(|c| c.is_finite()) {
+        object_mm = std::array::from_fn(|axis| object_mm[axis] + step[axis]);
+        if object_mm[2] <= 0.0 || !object_mm.iter().all(|coordinate| coordinate.is_finite()) {
             return None;
         }
-        let step_mm = step.norm();
-        let ratio = before_mm.map_or(RATIO_UNKNOWN, |before_mm| (step_mm / before_mm).min(1.0));
-        if ratio * step_mm < RESTING_MM {
-            break;
+        if shrinkage(before_mm, step_mm, object_mm, uneven) * step_mm < RESTING_MM {
+            let chi2 = (normal.chi2 - step.dot(&normal.score)).max(0.0);
+            return Some(Position { position_mm: object_mm, covariance_mm2: factor.inverse(), chi2 });
         }
         before_mm = Some(step_mm);
     }
-    let Normal { information, chi2, .. } = normal_at(object_mm);
-    Some(Position { position_mm: object_mm, covariance_mm2: information.cholesky()?.inverse(), chi2 })
+    None
+}
+
+/// Share of a step that the next one will be.
+fn shrinkage(before_mm: Option<f64>, step_mm: f64, [x_mm, y_mm, _]: [f64; 3], uneven: bool) -> f64 {
+    const UNKNOWN: f64 = 0.5;
+    match before_mm {
+        Some(before_mm) => (step_mm / before_mm).min(1.0),
+        None if uneven => UNKNOWN,
+        // The slopes of an even image change in proportion to the distance from the axis.
+        None => step_mm / (x_mm * x_mm + y_mm * y_mm).sqrt().max(step_mm),
+    }
 }
 
 /// The normal equations of the images about one point.
+#[derive(Default)]
 struct Normal {
     /// `Σ Jᵀ W J`.
     information: Matrix3<f64>,
@@ -104,81 +107,54 @@ struct Normal {
 }
 
 impl Normal {
-    fn of(
-        model: &Model,
-        sightings: &[Sighting],
-        object_mm: [f64; 3],
-        image: impl Fn(usize, [f64; 3]) -> ImagePoint,
-    ) -> Self {
-        let mut normal = Self { information: Matrix3::zeros(), score: Vector3::zeros(), chi2: 0.0 };
+    /// Of the images of a point's disc, and whether the lens makes one of them uneven.
+    fn of_discs(model: &Model, sightings: &[Sighting], object_mm: [f64; 3], disc: &Disc) -> (Self, bool) {
+        let (mut normal, mut uneven) = (Self::default(), false);
         for sighting in sightings {
-            let weights = sighting.weights();
-            let slopes = jacobian(|object_mm| model.chief_image(sighting.band, object_mm), object_mm);
-            let weighted = Matrix2x3::from_fn(|i, j| slopes[(i, j)] * weights[i]);
-            let modelled = image(sighting.band, object_mm);
-            let residual = Vector2::new(sighting.image.x_mm - modelled.x_mm, sighting.image.y_mm - modelled.y_mm)
-                .component_mul(&weights);
-            normal.information += weighted.transpose() * weighted;
-            normal.score += weighted.transpose() * residual;
-            normal.chi2 += residual.norm_squared();
+            let modelled = model.image(sighting.band, object_mm, disc);
+            normal.add(sighting, &modelled);
+            uneven |= modelled.uneven;
         }
-        normal
+        (normal, uneven)
+    }
+
+    /// Adds what one band sees.
+    fn add(&mut self, sighting: &Sighting, modelled: &DiscImage) {
+        // Features without noise still weigh evenly.
+        const STD_MIN_MM: f64 = 1e-9;
+        let off_mm = [sighting.image.x_mm - modelled.image.x_mm, sighting.image.y_mm - modelled.image.y_mm];
+        for ((off_mm, std_mm), slopes) in off_mm.into_iter().zip(sighting.std_mm).zip(modelled.slopes) {
+            let weight = std_mm.max(STD_MIN_MM).powi(-2);
+            let row = Vector3::from(slopes);
+            self.information += (weight * row) * row.transpose();
+            self.score += weight * off_mm * row;
+            self.chi2 += weight * off_mm * off_mm;
+        }
     }
 }
 
-/// Where the chief rays of the two bands meet, by regula falsi (Illinois) for the distance at which the ratio of their
-/// magnifications is Γ.
+/// Where the chief rays of the two bands meet: one over their magnifications is linear in the distance z, so
+///
+/// ```text
+/// Γ = n_e(z)/n_t(z)        n = 1/m,  n′ = −m′/m²
+/// ```
+///
+/// has one solution; `None` if it lies far outside the depth range.
 pub(crate) fn first_order_position_mm(
     instrument: &Instrument,
     model: &Model,
     pair: &[Sighting; 2],
 ) -> Option<[f64; 3]> {
-    const ROUNDS: usize = 60;
-    const RESTING_MM: f64 = 1e-6;
-    let gamma = gamma(pair);
-    let excess = |z_mm: f64| {
-        let [telecentric, entocentric] = model.magnifications(z_mm);
-        telecentric / entocentric - gamma
-    };
     let range = instrument.depth_range();
-    let (mut a_mm, mut b_mm) = (0.5 * range.near_mm, 2.0 * range.far_mm);
-    let (mut at_a, mut at_b) = (excess(a_mm), excess(b_mm));
-    if !gamma.is_finite() || at_a.signum() == at_b.signum() {
+    let gamma = gamma(pair);
+    let [(t, t_slope), (e, e_slope)] = [0, 1].map(|band| model.reduction(band, range.near_mm));
+    let z_mm = range.near_mm + (e - gamma * t) / (gamma * t_slope - e_slope);
+    if !(z_mm >= 0.5 * range.near_mm && z_mm <= 2.0 * range.far_mm) {
         return None;
     }
-    // b is always the end that was found last.
-    for _ in 0..ROUNDS {
-        let z_mm = (a_mm * at_b - b_mm * at_a) / (at_b - at_a);
-        let (moved_mm, at_z) = ((z_mm - b_mm).abs(), excess(z_mm));
-        if at_z.signum() == at_b.signum() {
-            at_a *= 0.5
-        } else {
-            (a_mm, at_a) = (b_mm, at_b)
-        }
-        (b_mm, at_b) = (z_mm, at_z);
-        if at_z == 0.0 || moved_mm < RESTING_MM {
-            break;
-        }
-    }
-    let [magnification, _] = model.magnifications(b_mm);
+    let magnification = model.magnification(0, z_mm);
     let ImagePoint { x_mm, y_mm } = pair[0].image;
-    Some([x_mm / magnification, y_mm / magnification, b_mm])
-}
-
-/// Change of an image's two coordinates with the object's three, by central differences.
-fn jacobian(image: impl Fn([f64; 3]) -> ImagePoint, object_mm: [f64; 3]) -> Matrix2x3<f64> {
-    const STEPS_MM: [f64; 3] = [1e-3, 1e-3, 1e-2];
-    let mut jacobian = Matrix2x3::zeros();
-    for (axis, step_mm) in STEPS_MM.into_iter().enumerate() {
-        let at = |sign: f64| {
-            let mut moved_mm = object_mm;
-            moved_mm[axis] += sign * step_mm;
-            let ImagePoint { x_mm, y_mm } = image(moved_mm);
-            Vector2::new(x_mm, y_mm)
-        };
-        jacobian.set_column(axis, &((at(1.0) - at(-1.0)) / (2.0 * step_mm)));
-    }
-    jacobian
+    Some([x_mm / magnification, y_mm / magnification, z_mm])
 }
 
 impl Position {

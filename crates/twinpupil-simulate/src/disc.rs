@@ -14,15 +14,24 @@ use crate::ray::Ray;
 /// direction, and variances add.
 ///
 /// ```text
-/// coverage = C((R² − ρ²)/(2 R w))        ρ distance of the ray from the centre, R radius of the dot
+/// coverage = C(d/w)        d depth of the ray behind the edge
 /// ```
 ///
 /// C is the share of a unit square beyond a straight edge with the direction of the nearest one: in focus, where it
-/// matters, that is the pixel itself. As C depends on ρ², it keeps the area of the dot exactly. On a dot of hardly a
-/// shadow's width, R < √2 w, C is linear whatever the direction. For a dot smaller than the shadow, R < w, the rise does
-/// not reach 1 and the area would become `π R (R + w)²/(4 w)`, so coverage is scaled to make up for that.
+/// matters, that is the pixel itself. The edge is bent, though, and on the average over a square it seems to lie farther
+/// in. A ray of the slopes s that is moved by ε across the axis moves by `(ε + s κ·ε, κ·ε)` on a dot that rises by
+/// (a, b), with `κ = (a, b)/(1 − a s_x − b s_y)`. So a tilted dot is an ellipse `δᵀ M δ < R²` to the rays, with
+/// `M = 1 + s κᵀ + κ sᵀ + (1 + s²) κ κᵀ`. Along the normal n of its edge and along the edge itself M is Mₙ and Mₜ, the
+/// distance ρ² = δᵀ M δ grows with the slope g = |M δ|/ρ, and to second order
 ///
-/// On a tilted dot the shadow is wider along the tilt; w is its width in the direction of the nearest edge.
+/// ```text
+/// D = (R − ρ)/g      d = D − (Mₙ − g²) D²/2gR − (R/g)(1 − √(1 − Mₜ w²/12 R²))
+/// ```
+///
+/// That keeps the area of the dot, exactly if it is not tilted. On a dot of hardly a shadow's width, R < √2 w, C is
+/// linear whatever the direction, and `d = (R² − ρ²)/2Rg`, which keeps the area of the dot because it depends on ρ². For
+/// a dot smaller than the shadow, R < w, the rise does not reach 1 and the area would become `π R (R + w)²/(4 w)`, so
+/// coverage is scaled to make up for that.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Disc {
     x_mm: f64,
@@ -54,7 +63,7 @@ impl Disc {
         let [x_mm, y_mm] = ray.at(z_mm);
         let (dx, dy, dz) = (x_mm - self.x_mm, y_mm - self.y_mm, z_mm - self.z_mm);
         let square_mm2 = dx * dx + dy * dy + dz * dz;
-        (self.risen(square_mm2, &self.shadow(dx, dy, dz)), z_mm)
+        (self.risen(square_mm2, &self.shadow(ray, [dx, dy, dz])), z_mm)
     }
 
     /// Sums over `rays` of weight × what [`Disc::sensitivity`] gives.
@@ -62,20 +71,35 @@ impl Disc {
         sum_sensitivity(self, rays)
     }
 
-    /// The shadow as the edge feels it that is nearest to a place on the dot, from its centre.
+    /// The shadow of a ray as the edge feels it that is nearest to where the ray meets the dot, from its centre.
     #[inline(always)]
-    fn shadow(&self, dx: f64, dy: f64, dz: f64) -> Shadow {
-        // Length on the dot of a step across the axis, straight towards the nearest edge; 1 in the centre.
-        let [a, b] = self.slope;
-        let (gx, gy) = ((dx + a * dz).abs(), (dy + b * dz).abs());
+    fn shadow(&self, ray: &Ray, [dx, dy, dz]: [f64; 3]) -> Shadow {
+        let ([a, b], w, r) = (self.slope, self.shadow_mm, self.radius_mm);
+        let (sx, sy) = (ray.slope_x, ray.slope_y);
         let tiny = f64::MIN_POSITIVE;
+        let steepness = 1.0 / (1.0 - a * sx - b * sy);
+        let (kx, ky) = (a * steepness, b * steepness);
+        let along_ray = sx * dx + sy * dy + dz;
+        let (gx, gy) = (dx + kx * along_ray, dy + ky * along_ray);
         let square = gx * gx + gy * gy + tiny;
-        let width_mm = self.shadow_mm * (square / (dx * dx + dy * dy + dz * dz + tiny)).sqrt();
-        let is_small = self.radius_mm < std::f64::consts::SQRT_2 * width_mm;
+        let growth = (square / (dx * dx + dy * dy + dz * dz + tiny)).sqrt();
+        let is_small = r * r < 2.0 * w * w * (1.0 + a * a + b * b);
         let per_length = 1.0 / square.sqrt();
-        let long = if is_small { 1.0 } else { gx.max(gy) * per_length };
-        let short = if is_small { 0.0 } else { gx.min(gy) * per_length };
-        Shadow::new(width_mm, long.max(Shadow::SHORT_MIN), short.max(Shadow::SHORT_MIN))
+        let (nx, ny) = (gx * per_length, gy * per_length);
+        let ray_square = 1.0 + sx * sx + sy * sy;
+        let (rising, leaning) = (kx * nx + ky * ny, sx * nx + sy * ny);
+        let along_normal = 1.0 + rising * (2.0 * leaning + ray_square * rising);
+        let trace = 2.0 + 2.0 * (kx * sx + ky * sy) + ray_square * (kx * kx + ky * ky);
+        let shrunk = (1.0 - (trace - along_normal) * w * w / (12.0 * r * r)).max(0.0).sqrt();
+        let bend = (0.5 * (along_normal - growth * growth) * w / (growth * r)).clamp(0.0, Shadow::BEND_MAX);
+        let (long, short) = (nx.abs().max(ny.abs()), nx.abs().min(ny.abs()));
+        Shadow {
+            width_mm: w * growth,
+            is_small,
+            bend,
+            inwards: r * (1.0 - shrunk) / (growth * w),
+            trapezoid: if is_small { Trapezoid::new(1.0, 0.0) } else { Trapezoid::new(long, short) },
+        }
     }
 
     /// How much this dot covers along one ray, and the derivatives of that by the dot's x, y, z and diameter, per mm.
@@ -90,17 +114,18 @@ impl Disc {
     /// The width of the blurred edge counts as fixed: changing it moves no edge.
     #[inline(always)]
     pub(crate) fn sensitivity(&self, ray: &Ray) -> [f64; 5] {
-        let ([a, b], r) = (self.slope, self.radius_mm);
+        let [a, b] = self.slope;
         let z_mm = ray.meets_plane([self.x_mm, self.y_mm, self.z_mm], self.slope);
         let [x_mm, y_mm] = ray.at(z_mm);
         let (dx, dy, dz) = (x_mm - self.x_mm, y_mm - self.y_mm, z_mm - self.z_mm);
-        let (square_mm2, shadow) = (dx * dx + dy * dy + dz * dz, self.shadow(dx, dy, dz));
-        let (w, full) = (shadow.width_mm, self.full(shadow.width_mm));
-        let (risen, density) = shadow.beyond(self.depth(square_mm2, w));
+        let (square_mm2, shadow) = (dx * dx + dy * dy + dz * dz, self.shadow(ray, [dx, dy, dz]));
+        let full = self.full(shadow.width_mm);
+        let depth = self.depth(square_mm2, &shadow);
+        let (risen, density) = shadow.trapezoid.beyond(depth.widths);
         let coverage = risen * full;
         let along = (dx * ray.slope_x + dy * ray.slope_y + dz) / (1.0 - a * ray.slope_x - b * ray.slope_y);
-        let per_half_square = -density * full / (r * w);
-        let growth = density * full * (r * r + square_mm2) / (2.0 * r * r * w) + coverage * self.full_growth(w);
+        let per_half_square = density * full * depth.per_half_square;
+        let growth = density * full * depth.per_radius + coverage * self.full_growth(shadow.width_mm);
         [
             coverage,
             per_half_square * (-a * along - dx),
@@ -113,13 +138,31 @@ impl Disc {
     /// Coverage at the squared distance ρ² from the centre.
     #[inline(always)]
     fn risen(&self, square_mm2: f64, shadow: &Shadow) -> f64 {
-        shadow.beyond(self.depth(square_mm2, shadow.width_mm)).0 * self.full(shadow.width_mm)
+        shadow.trapezoid.beyond(self.depth(square_mm2, shadow).widths).0 * self.full(shadow.width_mm)
     }
 
-    /// How deep in the dot the squared distance ρ² from its centre is, in widths w.
+    /// How deep in the dot the squared distance ρ² from its centre is.
     #[inline(always)]
-    fn depth(&self, square_mm2: f64, width_mm: f64) -> f64 {
-        (self.radius_mm * self.radius_mm - square_mm2) * (0.5 / (self.radius_mm * width_mm))
+    fn depth(&self, square_mm2: f64, shadow: &Shadow) -> Depth {
+        let (r, w) = (self.radius_mm, shadow.width_mm);
+        let distance = square_mm2.max(f64::MIN_POSITIVE).sqrt();
+        let straight = (r - distance) / w;
+        let near = straight.clamp(-1.0, 1.0);
+        let steepness = 1.0 - if near == straight { 2.0 * shadow.bend * near } else { 0.0 };
+        let of_squares = (r * r - square_mm2) / (2.0 * r * w);
+        if shadow.is_small {
+            Depth {
+                widths: of_squares,
+                per_half_square: -1.0 / (r * w),
+                per_radius: (r * r + square_mm2) / (2.0 * r * r * w),
+            }
+        } else {
+            Depth {
+                widths: straight - shadow.bend * near * near - shadow.inwards,
+                per_half_square: -steepness / (distance * w),
+                per_radius: steepness / w,
+            }
+        }
     }
 
     /// What coverage is scaled with under a shadow of width w: 1 unless the dot is smaller than the shadow.
@@ -137,12 +180,38 @@ impl Disc {
     }
 }
 
-/// The square shadow of a ray before a straight edge, whose projection across the edge is a trapezoid.
+/// The square shadow of a ray before the edge of a dot.
 #[derive(Debug, Clone, Copy)]
 struct Shadow {
     /// Side of the square, along the dot across the edge.
     width_mm: f64,
-    /// Half the longer and half the shorter side of the trapezoid, in widths.
+    /// Whether the dot is hardly wider than that.
+    is_small: bool,
+    /// How much the depth of a place falls behind its distance from the edge along a ray from the centre, times the
+    /// square of that, and how much farther in the edge seems, in widths.
+    bend: f64,
+    inwards: f64,
+    trapezoid: Trapezoid,
+}
+
+impl Shadow {
+    /// More than this is no small correction any more.
+    const BEND_MAX: f64 = 0.25;
+}
+
+/// Depth behind an edge in widths of the shadow, and its change with half the squared distance from the centre and with
+/// the radius, per mm² and per mm.
+#[derive(Debug, Clone, Copy)]
+struct Depth {
+    widths: f64,
+    per_half_square: f64,
+    per_radius: f64,
+}
+
+/// A unit square, projected on the normal of a straight edge.
+#[derive(Debug, Clone, Copy)]
+struct Trapezoid {
+    /// Half its longer and half its shorter side.
     outer: f64,
     inner: f64,
     /// Density between them, and its fall beyond the inner half.
@@ -150,15 +219,15 @@ struct Shadow {
     fall: f64,
 }
 
-impl Shadow {
+impl Trapezoid {
     /// An edge along the square's sides counts as nearly so.
     const SHORT_MIN: f64 = 1e-6;
 
-    /// Of a square before an edge whose normal has a longer and a shorter component.
+    /// Before an edge whose normal has a longer and a shorter component.
     #[inline(always)]
-    fn new(width_mm: f64, long: f64, short: f64) -> Self {
+    fn new(long: f64, short: f64) -> Self {
+        let (long, short) = (long.max(Self::SHORT_MIN), short.max(Self::SHORT_MIN));
         Self {
-            width_mm,
             outer: 0.5 * (long + short),
             inner: 0.5 * (long - short),
             height: 1.0 / long,
@@ -166,7 +235,7 @@ impl Shadow {
         }
     }
 
-    /// Share of the square beyond an edge that lies `depth` widths before its centre, and the change with the depth.
+    /// Share of the square beyond an edge that lies `depth` before its centre, and the change with the depth.
     #[inline(always)]
     fn beyond(&self, depth: f64) -> (f64, f64) {
         let size = depth.abs();
@@ -186,7 +255,7 @@ fn add_flat(disc: &Disc, rays: &ObjectRays, coverage: &mut [f64]) {
         let ray = Ray { x_mm: *x_mm, y_mm: *y_mm, slope_x: *slope_x, slope_y: *slope_y };
         let [x_mm, y_mm] = ray.at(disc.z_mm);
         let (dx, dy) = (x_mm - disc.x_mm, y_mm - disc.y_mm);
-        *coverage += disc.risen(dx * dx + dy * dy, &disc.shadow(dx, dy, 0.0));
+        *coverage += disc.risen(dx * dx + dy * dy, &disc.shadow(&ray, [dx, dy, 0.0]));
     }
 }
 
@@ -263,6 +332,46 @@ mod tests {
     }
 
     #[test]
+    fn coverage_is_the_share_of_the_rays_of_a_square_that_meet_the_dot() {
+        const STEPS: i32 = 400;
+        let shadow_mm = 0.0115;
+        for (tilt_deg, slope_x) in [(0.0, 0.02), (60.0, 0.02), (-60.0, 0.02), (45.0, -0.01)] {
+            let disc = Disc::new(&dot(1.0, tilt_deg), shadow_mm);
+            let dot = dot(1.0, tilt_deg);
+            let meets = |x_mm: f64, y_mm: f64| {
+                // All rays of the square are parallel; where they cross the dot's depth is what moves them.
+                let ray = Ray { x_mm: x_mm - 300.0 * slope_x, y_mm, slope_x, slope_y: 0.0 };
+                let z_mm = ray.meets_plane(dot.centre_mm, disc.slope);
+                let [x_mm, y_mm] = ray.at(z_mm);
+                (ray, x_mm * x_mm + y_mm * y_mm + (z_mm - 300.0).powi(2) < 0.25)
+            };
+            for angle_rad in [0.0, 0.3, 0.8, 1.2, 1.5, 2.5, 3.1_f64] {
+                // The rim as these rays see it, and places up to half a square beside it.
+                let rim = |scale: f64| meets(scale * angle_rad.cos(), scale * angle_rad.sin()).1;
+                let (mut inner, mut outer) = (0.1, 0.9);
+                for _ in 0..50 {
+                    let middle = 0.5 * (inner + outer);
+                    if rim(middle) { inner = middle } else { outer = middle }
+                }
+                for beside in [-0.4, -0.1, 0.0, 0.3] {
+                    let scale = inner + beside * shadow_mm;
+                    let (x_mm, y_mm) = (scale * angle_rad.cos(), scale * angle_rad.sin());
+                    let offset = |place: f64| ((place + 0.5) / f64::from(STEPS) - 0.5) * shadow_mm;
+                    // Rows are shifted against each other, so that no edge follows the grid.
+                    let shift = |j: i32| (0.618 * f64::from(j)).fract() - 0.5;
+                    let row = |j: i32| {
+                        let place = |i: i32| (x_mm + offset(f64::from(i) + shift(j)), y_mm + offset(f64::from(j)));
+                        (0..STEPS).map(place).filter(|(x_mm, y_mm)| meets(*x_mm, *y_mm).1).count()
+                    };
+                    let expected = (0..STEPS).map(row).sum::<usize>() as f64 / f64::from(STEPS * STEPS);
+                    let found = disc.coverage(&meets(x_mm, y_mm).0).0;
+                    assert!((found - expected).abs() < 2e-3, "{tilt_deg}, {angle_rad}, {beside}: {found} {expected}");
+                }
+            }
+        }
+    }
+
+    #[test]
     fn both_loops_agree_with_one_ray_at_a_time() {
         let rays = ObjectRays {
             x_mm: vec![0.1, -3.0, 2.5, 0.5, 0.49],
@@ -302,7 +411,7 @@ mod tests {
             };
             let here = Disc::new(&dot(1.0, tilt_deg), shadow_mm);
             let [dx, dy, dz] = moved(0, 0.0).2;
-            let shadow = here.shadow(dx, dy, dz);
+            let shadow = here.shadow(&ray, [dx, dy, dz]);
             let found = here.sensitivity(&ray);
             assert_eq!(found[0], here.coverage(&ray).0);
             assert!(found[0] > 0.05 && found[0] < 0.95, "{found:?}");
@@ -323,8 +432,10 @@ mod tests {
         let disc = Disc::new(&dot(1.0, 45.0), 0.01);
         let (coverage, z_mm) = disc.coverage(&along_axis(0.2, 0.0));
         assert!((z_mm - 300.2).abs() < 1e-12 && coverage == 1.0);
-        // The rim lies at x = R cos 45°.
-        let (rim, _) = disc.coverage(&along_axis(0.5 * 0.5_f64.sqrt(), 0.0));
-        assert!((rim - 0.5).abs() < 1e-9);
+        // The rim lies at x = R cos 45°; the pixel's square sees it farther in by w²/12 times half its curvature there.
+        let rim_mm = 0.5 * 0.5_f64.sqrt();
+        let inwards_mm = 0.5 * rim_mm / (0.5 * 0.5) * 0.01 * 0.01 / 12.0;
+        let (rim, _) = disc.coverage(&along_axis(rim_mm - inwards_mm, 0.0));
+        assert!((rim - 0.5).abs() < 1e-6, "{rim}");
     }
 }

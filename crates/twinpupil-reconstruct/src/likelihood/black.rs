@@ -61,6 +61,15 @@ impl Black {
         }
     }
 
+    /// What pixels read that receive `light`, however much.
+    pub(crate) fn reading(&self, light: f32, noise: &Noise) -> Reading {
+        if light < self.light_max {
+            return self.read(light);
+        }
+        let variance = noise.variance(noise.black_level + f64::from(light));
+        Reading { mean: light, slope: 1.0, trust: (1.0 / variance) as f32 }
+    }
+
     /// What pixels read that receive `light`, which lies below [`Self::light_max`].
     pub(crate) fn read(&self, light: f32) -> Reading {
         let place = ((light - self.low) * self.per_step).clamp(0.0, (NODES - 1) as f32 - 1e-3);

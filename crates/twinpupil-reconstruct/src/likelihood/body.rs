@@ -1,10 +1,12 @@
 //! What is fitted: one dot, its light in every band that shows it, and where it is imaged.
 
-use nalgebra::{Matrix3, Matrix4, Vector3, Vector4};
+use nalgebra::{Cholesky, Const, Matrix3, Matrix4, SVector, Vector3, Vector4, Vector6};
+use smallvec::SmallVec;
 use twinpupil_instrument::PixelPoint;
 
 use crate::likelihood::illumination::shift_px;
 use crate::likelihood::normal::{Normal, Shape};
+use crate::likelihood::samples::{Share, Window};
 use crate::likelihood::spot::{Dot, Spot, SpotJacobian};
 
 /// A dot and its light.
@@ -12,13 +14,15 @@ use crate::likelihood::spot::{Dot, Spot, SpotJacobian};
 pub(crate) struct Body {
     pub(crate) dot: Dot,
     /// In the order of the bands; `None` where the band does not show it.
-    pub(crate) bands: Vec<Option<BandLight>>,
+    pub(crate) bands: SmallVec<[Option<BandLight>; 2]>,
     /// Standard deviation of what is known of z beforehand, mm, if the bands alone do not tell it.
     pub(crate) z_prior_mm: Option<(f64, f64)>,
-    /// Information on x, y, z and diameter, 1/mm².
-    pub(crate) information: Matrix4<f64>,
-    /// Size of the last step in standard deviations.
+    /// The step that the last equations ask for, in x, y, z and diameter, mm.
+    step: Vector4<f64>,
+    equations: Option<Cholesky<f64, Const<4>>>,
+    /// Size of the last step in standard deviations, and that of its position alone.
     pub(crate) step_sigmas: f64,
+    pub(crate) moved_sigmas: f64,
     /// Whether its light could be fitted at all.
     pub(crate) alive: bool,
     /// Rounds in which it has been fitted.
@@ -29,8 +33,15 @@ pub(crate) struct Body {
     pub(crate) saturated: bool,
     /// Whether pixels that do not fit were left out in the last round.
     pub(crate) masked: bool,
+    /// How many of its rows were looked at in the last round, and are to be in the next.
+    pub(crate) seen: Share,
+    pub(crate) share: Share,
     /// Whether another's light reaches into its window.
     pub(crate) has_neighbours: bool,
+    /// Whether it takes part in the round.
+    pub(crate) moves: bool,
+    /// How well its pixels are explained, once the last step is taken.
+    pub(crate) quality: FitQuality,
 }
 
 /// A dot's light in one band.
@@ -39,16 +50,21 @@ pub(crate) struct BandLight {
     /// Its light less that of the ground, codes.
     pub(crate) contrast: f64,
     /// What it was thought to be at first, codes.
-    pub(crate) first_contrast: f64,
+    first_contrast: f64,
     /// The ground about it, codes above black.
     pub(crate) background: f64,
     /// Growth of the illumination along u and v, relative, 1/px.
     pub(crate) illumination_slope: [f64; 2],
     pub(crate) spot: Spot,
     pub(crate) jacobian: SpotJacobian,
+    /// Its pixels, once they are read.
+    pub(crate) window: Option<Window>,
     /// What the band's pixels said last.
     pub(crate) normal: Normal,
     pub(crate) shape: Option<Shape>,
+    /// The step of u, v, radius, blur and contrast that goes with that of the dot, and that of the background.
+    pub(crate) step: SVector<f64, 5>,
+    background_step: f64,
 }
 
 /// Centre of a spot as its own band alone measures it.
@@ -61,6 +77,27 @@ pub(crate) struct OwnCentre {
 }
 
 impl BandLight {
+    pub(crate) fn new(contrast: f64, background: f64, (spot, jacobian): (Spot, SpotJacobian)) -> Self {
+        Self {
+            contrast,
+            first_contrast: contrast,
+            background,
+            illumination_slope: [0.0; 2],
+            spot,
+            jacobian,
+            window: None,
+            normal: Normal::default(),
+            shape: None,
+            step: SVector::zeros(),
+            background_step: 0.0,
+        }
+    }
+
+    /// Growth of the illumination along u and v, per px.
+    pub(crate) fn growth(&self) -> [f32; 2] {
+        self.illumination_slope.map(|slope| slope as f32)
+    }
+
     /// Centre and size that explain the band best by themselves, with the blur that depth gives them.
     pub(crate) fn own_centre(&self) -> Option<OwnCentre> {
         let shape = self.shape?;
@@ -68,14 +105,23 @@ impl BandLight {
         let score: Vector3<f64> = shape.score.fixed_rows::<3>(0).into_owned();
         let covariance = information.try_inverse()?;
         let step = covariance * score;
+        // What the dot's own step left of it.
+        let left = step - self.step.fixed_rows::<3>(0);
         // The centre is that of the dot, not of its light.
         let [du, dv] = shift_px(&self.spot, self.illumination_slope);
         let [u, v] = [self.spot.centre_px[0] - du, self.spot.centre_px[1] - dv];
         Some(OwnCentre {
             centre: PixelPoint { u: u + step.x, v: v + step.y },
             std_px: [covariance[(0, 0)].max(0.0).sqrt(), covariance[(1, 1)].max(0.0).sqrt()],
-            chi2: step.dot(&score).max(0.0),
+            chi2: left.dot(&(information * left)).max(0.0),
         })
+    }
+
+    /// χ² once the step is taken, as the equations foresee it, with the neighbours as they are.
+    fn foreseen_chi2(&self) -> f64 {
+        let Normal { information, score, chi2, .. } = &self.normal;
+        let step = Vector6::from_fn(|i, _| if i < 5 { self.step[i] } else { self.background_step });
+        (chi2 - 2.0 * step.dot(score) + step.dot(&(information * step))).max(0.0)
     }
 }
 
@@ -93,25 +139,54 @@ const GUESS_ROUNDS: usize = 3;
 /// Blur added to the edges of a doubtful dot in the first round, so that they are felt from farther away.
 const SOFTENING_PX: f64 = 2.0;
 
+/// After a step this small, or so many rounds, all rows are looked at.
+const APPROACHED_SIGMAS: f64 = 30.0;
+const APPROACH: usize = 4;
+
 /// Rounds after which pixels that do not fit are left out, come what may.
 const PATIENCE: usize = 6;
 const PATIENCE_SATURATED: usize = 11;
 
-/// After a step this small, in standard deviations, a dot is so near its place that pixels which do not fit at all are
-/// not its own.
+/// After a step this small, in standard deviations, or with so little χ² a pixel, a dot is so near its place that pixels
+/// which do not fit at all are not its own.
 const NEAR_SIGMAS: f64 = 20.0;
-
-/// After a step this small, and with so much χ² a pixel, a dot is where its surface is.
-const SETTLED_SIGMAS: f64 = 30.0;
-const SETTLED_CHI2: f64 = 2.5;
+const NEAR_CHI2: f64 = 1.5;
 
 /// After a step this small the next would be none: each is about the square of the last, over the width of the edge.
 const LAST_SIGMAS: f64 = 8.0;
 
-/// A step this small, in standard deviations, is none, also to the neighbours.
-const RESTING_SIGMAS: f64 = 0.3;
+/// The same with neighbours, whose steps it feels, or on a slope as steep as this, where derivatives are less exact.
+const LAST_SIGMAS_HARD: f64 = 2.0;
+const STEEP: f64 = 0.3;
 
 impl Body {
+    pub(crate) fn new(dot: Dot, z_prior_mm: Option<(f64, f64)>, doubtful: bool) -> Self {
+        Self {
+            dot,
+            bands: SmallVec::new(),
+            z_prior_mm,
+            step: Vector4::zeros(),
+            equations: None,
+            step_sigmas: f64::INFINITY,
+            moved_sigmas: f64::INFINITY,
+            alive: true,
+            rounds: 0,
+            doubtful,
+            saturated: false,
+            masked: false,
+            seen: Share::Quarter,
+            share: Share::Quarter,
+            has_neighbours: false,
+            moves: true,
+            quality: FitQuality::default(),
+        }
+    }
+
+    /// Whether its bands together tell its depth.
+    pub(crate) fn is_placed(&self) -> bool {
+        self.alive && self.z_prior_mm.is_none()
+    }
+
     /// Blur to be added in the coming round, px.
     pub(crate) fn softening_px(&self) -> f64 {
         if self.doubtful && self.rounds == 0 { SOFTENING_PX } else { 0.0 }
@@ -126,76 +201,144 @@ impl Body {
 
     /// Whether it is near enough to its place that pixels which do not fit are not its own.
     pub(crate) fn is_near(&self) -> bool {
-        let patience = if self.saturated { PATIENCE_SATURATED } else { PATIENCE };
-        let settling = self.rounds > if self.saturated { GUESS_ROUNDS } else { 1 };
-        settling && self.step_sigmas < NEAR_SIGMAS || self.rounds > patience
+        if self.saturated {
+            let is_settling = self.rounds > GUESS_ROUNDS && self.step_sigmas < NEAR_SIGMAS;
+            return is_settling || self.rounds > PATIENCE_SATURATED;
+        }
+        if self.rounds == 0 || self.doubtful && self.rounds == 1 {
+            return false;
+        }
+        self.step_sigmas < NEAR_SIGMAS || self.explains(NEAR_CHI2) || self.rounds > PATIENCE
     }
 
-    /// Whether it has come to where its pixels are explained.
-    pub(crate) fn is_settled(&self) -> bool {
-        let (used, _, chi2) = self.fit_quality();
-        self.step_sigmas < SETTLED_SIGMAS && chi2 < SETTLED_CHI2 * used as f64
+    /// Whether its pixels lie about their model with so much χ² each.
+    pub(crate) fn explains(&self, chi2_max: f64) -> bool {
+        self.quality.chi2 < chi2_max * self.quality.used as f64
     }
 
-    /// Whether another round would not move it.
+    /// Whether another round would not move it, or nobody would notice: a dot that no depth is known of matters to those
+    /// only on whom its light falls.
     pub(crate) fn rests(&self) -> bool {
-        let enough = if self.has_neighbours || self.saturated { RESTING_SIGMAS } else { LAST_SIGMAS };
-        !self.alive || self.rounds > 1 && self.masked && self.step_sigmas < enough
+        let is_steep = self.dot.slopes.iter().any(|slope| slope.abs() > STEEP);
+        let enough = if self.has_neighbours || self.saturated || is_steep { LAST_SIGMAS_HARD } else { LAST_SIGMAS };
+        let unseen = self.z_prior_mm.is_some() && !self.has_neighbours;
+        !self.alive || unseen || self.masked && self.seen == Share::All && self.moved_sigmas < enough
     }
 
-    /// Information and score on x, y, z and diameter from all bands.
-    pub(crate) fn equations(&self) -> (Matrix4<f64>, Vector4<f64>) {
-        let (mut information, mut score) = (Matrix4::zeros(), Vector4::zeros());
+    /// Information on x, y, z and diameter from all bands.
+    pub(crate) fn information(&self) -> Matrix4<f64> {
+        let mut information = Matrix4::zeros();
         for light in self.bands.iter().flatten() {
             if let Some(shape) = &light.shape {
                 information += light.jacobian.transpose() * shape.information * light.jacobian;
-                score += light.jacobian.transpose() * shape.score;
+            }
+        }
+        if let Some((_, std_mm)) = self.z_prior_mm {
+            information[(2, 2)] += std_mm.powi(-2);
+        }
+        information
+    }
+
+    /// Gets ready to solve its equations.
+    pub(crate) fn factorise(&mut self) {
+        self.equations = self.information().cholesky();
+        self.alive &= self.equations.is_some();
+        self.step = Vector4::zeros();
+        for light in self.bands.iter_mut().flatten() {
+            light.step = SVector::zeros();
+            light.background_step = 0.0;
+        }
+    }
+
+    /// Solves its equations, with what the steps of its neighbours take from its scores, for every band; how far the step
+    /// is from the one before, in standard deviations.
+    pub(crate) fn solve(&mut self, taken: impl Fn(usize) -> Vector6<f64>) -> f64 {
+        let Some(equations) = &self.equations else { return 0.0 };
+        let scores: SmallVec<[Vector6<f64>; 2]> = (0..self.bands.len())
+            .map(|band| self.bands[band].as_ref().map_or(Vector6::zeros(), |light| light.normal.score - taken(band)))
+            .collect();
+        let mut score = Vector4::zeros();
+        for (light, own) in self.bands.iter().zip(&scores) {
+            if let Some(BandLight { jacobian, shape: Some(shape), .. }) = light {
+                score += jacobian.transpose() * shape.reduced_score(own);
             }
         }
         if let Some((z_mm, std_mm)) = self.z_prior_mm {
-            information[(2, 2)] += std_mm.powi(-2);
             score[2] += (z_mm - self.dot.centre_mm[2]) / std_mm.powi(2);
         }
-        (information, score)
-    }
-
-    /// Moves dot and light by what the equations ask for.
-    pub(crate) fn step(&mut self) {
-        let (information, score) = self.equations();
-        let Some(mut step) = information.cholesky().map(|cholesky| cholesky.solve(&score)) else {
-            self.alive = false;
-            return;
-        };
-        self.step_sigmas = step.dot(&(information * step)).max(0.0).sqrt();
-        // Far from the solution a full step may overshoot: no spot moves by more than a quarter of its size.
-        let limit = 0.25 * self.dot.diameter_mm / step.xy().norm().max(step.w.abs()).max(1e-12);
-        let limit = limit.min(10.0 / step.z.abs().max(1e-12)).min(1.0);
-        step *= limit;
-        for (coordinate, change) in self.dot.centre_mm.iter_mut().zip(step.iter()) {
-            *coordinate += change;
-        }
-        self.dot.diameter_mm += step.w;
-        self.information = information;
-        self.rounds += 1;
-        for light in self.bands.iter_mut().flatten() {
-            if let Some(shape) = &light.shape {
-                let change = shape.light_step(&(light.jacobian * step));
-                light.contrast += change.x;
-                light.background += change.y;
+        let before = self.step;
+        self.step = equations.solve(&score);
+        for (light, own) in self.bands.iter_mut().zip(&scores) {
+            if let Some(light) = light {
+                light.follow(&self.step, own);
             }
         }
-        self.alive = self.dot.diameter_mm > 0.0
-            && self.dot.centre_mm[2] > 0.0
-            && self.dot.centre_mm.iter().all(|coordinate| coordinate.is_finite());
+        let sigmas = |step: &Vector4<f64>| (equations.l().transpose() * step).norm();
+        self.step_sigmas = sigmas(&self.step);
+        sigmas(&(self.step - before))
     }
 
-    /// Pixels used, pixels masked, and χ² of all bands.
-    pub(crate) fn fit_quality(&self) -> (usize, usize, f64) {
-        let normals = || self.bands.iter().flatten().map(|light| &light.normal);
-        (
-            normals().map(|normal| normal.used).sum(),
-            normals().map(|normal| normal.masked).sum(),
-            normals().map(|normal| normal.chi2).sum(),
-        )
+    /// Takes the step that was solved for.
+    pub(crate) fn advance(&mut self) {
+        self.moved_sigmas = self.moved_sigmas();
+        self.quality = self.foreseen_quality();
+        // Far from the solution a full step may overshoot: no spot moves by more than a quarter of its size.
+        let step = self.step;
+        let limit = 0.25 * self.dot.diameter_mm / step.xy().norm().max(step.w.abs()).max(1e-12);
+        let limit = limit.min(10.0 / step.z.abs().max(1e-12)).min(1.0);
+        for (coordinate, change) in self.dot.centre_mm.iter_mut().zip(step.iter()) {
+            *coordinate += limit * change;
+        }
+        self.dot.diameter_mm += limit * step.w;
+        self.rounds += 1;
+        for light in self.bands.iter_mut().flatten() {
+            light.contrast += limit * light.step[4];
+            light.background += limit * light.background_step;
+        }
+        self.alive &= self.dot.diameter_mm > 0.0
+            && self.dot.centre_mm[2] > 0.0
+            && self.dot.centre_mm.iter().all(|coordinate| coordinate.is_finite());
+        if self.moved_sigmas < APPROACHED_SIGMAS || self.rounds >= APPROACH {
+            self.share = Share::All;
+        }
+    }
+
+    /// Size of the step of x, y and z in standard deviations, whatever the diameter may do.
+    fn moved_sigmas(&self) -> f64 {
+        let information = self.information();
+        let shared: Vector3<f64> = information.fixed_view::<3, 1>(0, 3).into_owned();
+        let own = information.fixed_view::<3, 3>(0, 0) - shared * shared.transpose() / information[(3, 3)].max(1e-12);
+        let step = self.step.xyz();
+        step.dot(&(own * step)).max(0.0).sqrt()
+    }
+
+    fn foreseen_quality(&self) -> FitQuality {
+        let mut quality = FitQuality::default();
+        for light in self.bands.iter().flatten() {
+            quality.used += light.normal.used;
+            quality.masked += light.normal.masked;
+            quality.chi2 += light.foreseen_chi2();
+        }
+        quality
+    }
+}
+
+/// Pixels of all bands, and how they lie about the model.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(crate) struct FitQuality {
+    pub(crate) used: usize,
+    pub(crate) masked: usize,
+    pub(crate) chi2: f64,
+}
+
+impl BandLight {
+    /// The steps of image and light that go with that of the dot.
+    fn follow(&mut self, step: &Vector4<f64>, score: &Vector6<f64>) {
+        let Some(shape) = &self.shape else { return };
+        let image_step = self.jacobian * step;
+        let light_step = shape.light_step(score, &image_step);
+        self.step.fixed_rows_mut::<4>(0).copy_from(&image_step);
+        self.step[4] = light_step.x;
+        self.background_step = light_step.y;
     }
 }

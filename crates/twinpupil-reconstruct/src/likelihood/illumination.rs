@@ -3,9 +3,10 @@
 use nalgebra::{Matrix2, Matrix6, SMatrix, SVector, Vector2};
 
 use crate::likelihood::body::{BandLight, Body};
-use crate::likelihood::joint::{BandView, Joint, Workspace};
+use crate::likelihood::coupling::Near;
+use crate::likelihood::joint::Joint;
 use crate::likelihood::light::{Light, Places};
-use crate::likelihood::samples::{Rings, Samples};
+use crate::likelihood::samples::{Rings, Samples, Share};
 use crate::likelihood::spot::Spot;
 
 /// Relative growth of the light along u and v, 1/px, and what is known of it.
@@ -15,25 +16,31 @@ struct Growth {
     information: Matrix2<f64>,
 }
 
+/// Buffers for a closer look at one dot.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Glance {
+    samples: Samples,
+    places: Places,
+    others: Vec<f32>,
+    near: Near,
+    modelled: Light,
+}
+
 /// Growth is believed if it is this significant: χ² of two unknowns that chance exceeds once in 3000 times.
 const SIGNIFICANT_CHI2: f64 = 16.0;
-
-/// Pixels this near to where the edge should end may belong to it, px and share of the radius.
-const DOUBT_PX: f64 = 2.0;
-const DOUBT_SHARE: f64 = 0.05;
 
 /// A change of the growth that moves a dot's light by so much wakes it, and the step that it then seems to have made.
 const FELT_PX: f64 = 0.003;
 const FELT_SIGMAS: f64 = 20.0;
 
 /// Finds how the light grows across every body in every band.
-pub(crate) fn set_illumination(joint: &mut Joint<'_>, workspace: &mut Workspace) {
+pub(crate) fn set_illumination(joint: &mut Joint<'_>, glance: &mut Glance) {
     for band in 0..joint.bands.len() {
         let own: Vec<Option<Growth>> =
-            (0..joint.bodies.len()).map(|index| own_growth(joint, index, band, workspace)).collect();
-        let field = Field::through(&joint.bodies, &own, band);
+            (0..joint.bodies.len()).map(|index| own_growth(joint, index, band, glance)).collect();
+        let field = Field::through(joint.bodies, &own, band);
         for (body, own) in joint.bodies.iter_mut().zip(own) {
-            let Body { alive: true, bands, step_sigmas, .. } = body else { continue };
+            let Body { alive: true, bands, moved_sigmas, .. } = body else { continue };
             let Some(light) = &mut bands[band] else { continue };
             let growth = field.as_ref().map(|field| field.at(light.spot.centre_px));
             let known = own.into_iter().chain(growth).reduce(Growth::and);
@@ -42,7 +49,7 @@ pub(crate) fn set_illumination(joint: &mut Joint<'_>, workspace: &mut Workspace)
             let after_px = shift_px(&light.spot, slope);
             light.illumination_slope = slope;
             if (after_px[0] - before_px[0]).hypot(after_px[1] - before_px[1]) > FELT_PX {
-                *step_sigmas = step_sigmas.max(FELT_SIGMAS);
+                *moved_sigmas = moved_sigmas.max(FELT_SIGMAS);
             }
         }
     }
@@ -96,36 +103,48 @@ impl Growth {
 }
 
 /// What a dot's own pixels show.
-fn own_growth(joint: &Joint<'_>, index: usize, band: usize, workspace: &mut Workspace) -> Option<Growth> {
+fn own_growth(joint: &Joint<'_>, index: usize, band: usize, glance: &mut Glance) -> Option<Growth> {
     let body = &joint.bodies[index];
     let light = body.bands[band].as_ref().filter(|_| body.alive && !body.saturated)?;
-    let full_px = joint.rings(index, band, light, workspace).full_px;
-    flat_growth(&joint.bands[band], light, full_px, body.has_neighbours, &mut workspace.samples).or_else(|| {
-        // Where nothing is flat, the fit tells whether it is worth while.
-        let unexplained = light.normal.chi2 > UNEXPLAINED_CHI2 * light.normal.used as f64;
-        if unexplained { modelled_growth(joint, index, band, workspace) } else { None }
-    })
+    let full = &light.window.as_ref()?.full;
+    if full.count() >= FULL_MIN {
+        let (slope, information) = full.growth(&joint.bands[band].noise)?;
+        return Some(Growth { slope, information });
+    }
+    // Where nothing is flat, the fit tells whether it is worth while.
+    let unexplained = light.normal.chi2 > UNEXPLAINED_CHI2 * light.normal.used as f64;
+    if unexplained { modelled_growth(joint, index, band, glance) } else { None }
 }
+
+/// Pixels that a dot must fill to tell how the light grows.
+const FULL_MIN: f64 = 100.0;
 
 /// χ² over its pixels from which a dot without flat places is looked at closely.
 const UNEXPLAINED_CHI2: f64 = 1.3;
 
 /// What all pixels of a dot show, whatever its place, size, blur and light may be.
-fn modelled_growth(joint: &Joint<'_>, index: usize, band: usize, workspace: &mut Workspace) -> Option<Growth> {
+fn modelled_growth(joint: &Joint<'_>, index: usize, band: usize, glance: &mut Glance) -> Option<Growth> {
     const OTHERS: usize = 6;
     let (view, light) = (&joint.bands[band], joint.bodies[index].bands[band].as_ref()?);
+    let Glance { samples, places, others, near, modelled } = glance;
     let spot = &light.spot;
-    let margin_px = DOUBT_PX.max(2.0 * view.plane.step_px as f64);
-    let window_px = spot.reach_px() + margin_px;
-    workspace.samples.gather(&view.plane, &Rings { centre_px: spot.centre_px, window_px, full_px: 0.0 });
-    joint.light_of_others(index, band, spot, workspace);
-    let Workspace { samples, others, .. } = workspace;
-    let mut modelled = Light::default();
-    modelled.fill(spot, &samples.places);
+    samples.clear();
+    let rings = Rings { centre_px: spot.centre_px, window_px: view.window_px(spot), full_px: 0.0 };
+    let window = samples.read(&view.plane, &view.noise, &rings, 0.0);
+    let codes = samples.about(&window, Share::All, spot.centre_px, places);
+    others.clear();
+    others.resize(codes.len(), 0.0);
+    for neighbour in joint.buffers.neighbours.of(index * joint.bands.len() + band) {
+        if let Some(other) = &joint.bodies[*neighbour as usize / joint.bands.len()].bands[band] {
+            near.find(&other.near(), spot.centre_px, places);
+            near.add(&other.near(), others);
+        }
+    }
+    modelled.fill(spot, places);
     let (mut information, mut score) = (SMatrix::<f64, 8, 8>::zeros(), SVector::<f64, 8>::zeros());
     let [gu, gv] = light.illumination_slope;
-    for (k, code) in samples.codes.iter().enumerate() {
-        let [du, dv] = [samples.places.du[k], samples.places.dv[k]].map(f64::from);
+    for (k, code) in codes.iter().enumerate() {
+        let [du, dv] = [places.du[k], places.dv[k]].map(f64::from);
         let lit = 1.0 + gu * du + gv * dv;
         let [share, open] = [modelled.light[k], modelled.open[k]].map(f64::from);
         let level = light.contrast * share + light.background * open;
@@ -150,90 +169,6 @@ fn modelled_growth(joint: &Joint<'_>, index: usize, band: usize, workspace: &mut
     let score = score.fixed_rows::<2>(OTHERS) - mixed * score.fixed_rows::<OTHERS>(0);
     let step = left.try_inverse()? * score;
     Some(Growth { slope: Vector2::new(gu, gv) + step, information: left })
-}
-
-/// What the pixels show that a dot fills, and those of the ground about it: both change by the same share.
-fn flat_growth(
-    view: &BandView<'_>,
-    light: &BandLight,
-    full_px: f64,
-    has_neighbours: bool,
-    samples: &mut Samples,
-) -> Option<Growth> {
-    let spot = &light.spot;
-    if spot.is_clipped() {
-        return None;
-    }
-    let doubt_px = DOUBT_PX.max(DOUBT_SHARE * spot.radius_px);
-    let foot_px = spot.reach_px() + doubt_px;
-    samples.gather(
-        &view.plane,
-        &Rings {
-            centre_px: spot.centre_px,
-            window_px: foot_px + doubt_px.max(2.0 * view.plane.step_px as f64),
-            full_px: (full_px - doubt_px).max(0.0),
-        },
-    );
-    let Samples { places, codes, full_places, full_codes } = &*samples;
-    let full = Region::of(view, light, light.contrast + light.background, 0.0, full_places, full_codes);
-    // Neighbours shine on the ground.
-    let ground_level = if has_neighbours { 0.0 } else { light.background };
-    let ground = Region::of(view, light, ground_level, foot_px, places, codes);
-    let (information, score) = [full, ground]
-        .iter()
-        .fold((Matrix2::zeros(), Vector2::zeros()), |(i, s), region| (i + region.information, s + region.score));
-    let covariance = information.try_inverse()?;
-    Some(Growth { slope: covariance * score, information })
-}
-
-/// `Σ w L² d dᵀ` and `Σ w L d c` over pixels of one level L, with their means taken off.
-#[derive(Debug, Clone, Copy, Default)]
-struct Region {
-    information: Matrix2<f64>,
-    score: Vector2<f64>,
-}
-
-impl Region {
-    /// Of the pixels beyond a distance from the centre, without those that are far from their level: those are stuck.
-    fn of(view: &BandView<'_>, light: &BandLight, level: f64, from_px: f64, places: &Places, codes: &[f32]) -> Self {
-        const FAR_SHARE: f64 = 0.5;
-        const FAR_SIGMAS: f64 = 6.0;
-        const FEWEST: f64 = 30.0;
-        let variance = view.noise.variance(level + view.noise.black_level);
-        let far = (FAR_SIGMAS * variance.sqrt()).max(FAR_SHARE * level);
-        // Near black, codes do not follow the light.
-        if level <= f64::from(view.black.light_max).max(0.0) {
-            return Self::default();
-        }
-        let from_px2 = (from_px * from_px) as f32;
-        let [gu, gv] = light.illumination_slope;
-        let saturated = f32::from(view.plane.code_max);
-        let (mut count, mut sums, mut code_sum) = (0.0, Vector2::zeros(), 0.0);
-        let (mut squares, mut products) = (Matrix2::zeros(), Vector2::zeros());
-        for (code, (du, dv)) in codes.iter().zip(places.du.iter().zip(&places.dv)) {
-            if du * du + dv * dv < from_px2 || *code >= saturated {
-                continue;
-            }
-            let place = Vector2::new(f64::from(*du), f64::from(*dv));
-            let read = f64::from(*code) - view.noise.black_level - level;
-            if (read - level * (gu * place.x + gv * place.y)).abs() > far {
-                continue;
-            }
-            count += 1.0;
-            sums += place;
-            code_sum += read;
-            squares += place * place.transpose();
-            products += place * read;
-        }
-        if count < FEWEST {
-            return Self::default();
-        }
-        let mean = sums / count;
-        Self {
-            information: (squares - mean * sums.transpose()) * (level * level / variance),
-            score: (products - mean * code_sum) * (level / variance),
-        }
-    }
 }
 
 /// Unknowns of the field: the logarithm of the light, its slopes and its curvatures.

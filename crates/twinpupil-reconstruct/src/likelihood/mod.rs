@@ -2,10 +2,14 @@
 
 pub(crate) mod black;
 pub(crate) mod body;
+mod coupling;
+mod covariance;
 mod cut;
+mod full;
 mod illumination;
 pub(crate) mod joint;
 mod light;
+mod neighbours;
 mod normal;
 pub(crate) mod pencil;
 pub(crate) mod refine;
@@ -13,3 +17,4 @@ mod samples;
 mod sharp;
 mod soft;
 pub(crate) mod spot;
+mod weigh;

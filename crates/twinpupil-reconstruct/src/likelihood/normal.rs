@@ -3,6 +3,10 @@
 use multiversion::multiversion;
 use nalgebra::{Matrix2, Matrix4, Matrix4x2, Matrix6, Vector2, Vector4, Vector6};
 
+use crate::likelihood::full::FullSums;
+use crate::likelihood::light::Light;
+use crate::likelihood::weigh::Weights;
+
 /// Unknowns of a spot in one band: u, v, radius, blur, contrast, background.
 pub(crate) const UNKNOWNS: usize = 6;
 
@@ -22,8 +26,9 @@ pub(crate) struct Normal {
 pub(crate) struct Shape {
     pub(crate) information: Matrix4<f64>,
     pub(crate) score: Vector4<f64>,
-    /// Contrast and background follow from the shape's step δ as `light_step − light_per_shape δ`.
-    light_step: Vector2<f64>,
+    /// Covariance of contrast and background if the shape is known.
+    light_covariance: Matrix2<f64>,
+    /// Change of both with the shape, and of its score with theirs.
     light_per_shape: Matrix4x2<f64>,
 }
 
@@ -33,61 +38,35 @@ impl Default for Normal {
     }
 }
 
-/// Derivatives, weights and residuals of pixels.
-#[derive(Debug, Clone, Default)]
-pub(crate) struct Lines {
-    pub(crate) jacobian: [Vec<f32>; UNKNOWNS],
-    pub(crate) weight: Vec<f32>,
-    pub(crate) residual: Vec<f32>,
-    weighted: Vec<f32>,
-}
-
-impl Lines {
-    /// Makes place for `count` pixels.
-    pub(crate) fn resize(&mut self, count: usize) {
-        let rest = [&mut self.weight, &mut self.residual, &mut self.weighted];
-        self.jacobian.iter_mut().chain(rest).for_each(|values| values.resize(count, 0.0));
-    }
-}
-
 impl Normal {
-    /// Adds pixels.
-    pub(crate) fn add(&mut self, lines: &mut Lines) {
-        for i in 0..UNKNOWNS {
-            scale(&mut lines.weighted, &lines.weight, &lines.jacobian[i]);
-            for k in i..UNKNOWNS {
-                self.information[(i, k)] += dot(&lines.weighted, &lines.jacobian[k]);
+    /// Of pixels that see a spot of some contrast.
+    pub(crate) fn of(light: &Light, contrast: f64, weights: &Weights, weighted: &mut Vec<f32>) -> Self {
+        let count = weights.weight.len();
+        weighted.resize(count, 0.0);
+        let mut sums = Sums::default();
+        sums.fill(light, weights, weighted);
+        let scales = [contrast, contrast, contrast, contrast, 1.0, 1.0];
+        let information = |i: usize, k: usize| sums.products[i.min(k)][i.max(k)] * scales[i] * scales[k];
+        Self {
+            information: Matrix6::from_fn(information),
+            score: Vector6::from_fn(|i, _| sums.score[i] * scales[i]),
+            chi2: sums.chi2,
+            used: sums.used,
+            masked: count - sums.used,
+        }
+    }
+
+    /// Adds pixels that the dot fills: light and ground change alike, and nothing else does.
+    pub(crate) fn add_full(&mut self, full: &FullSums, masked: usize) {
+        for i in 4..UNKNOWNS {
+            self.score[i] += full.score;
+            for k in 4..UNKNOWNS {
+                self.information[(i, k)] += full.information;
             }
-            self.score[i] += dot(&lines.weighted, &lines.residual);
         }
-        self.count(lines);
-    }
-
-    /// Adds pixels that the dot fills: light and ground change alike, by the last of the derivatives, and nothing else.
-    pub(crate) fn add_full(&mut self, lines: &mut Lines) {
-        scale(&mut lines.weighted, &lines.weight, &lines.jacobian[5]);
-        let square = dot(&lines.weighted, &lines.jacobian[5]);
-        let score = dot(&lines.weighted, &lines.residual);
-        for (i, k) in [(4, 4), (4, 5), (5, 5)] {
-            self.information[(i, k)] += square;
-        }
-        self.score[4] += score;
-        self.score[5] += score;
-        self.count(lines);
-    }
-
-    /// Adds residuals to χ².
-    fn count(&mut self, lines: &mut Lines) {
-        scale(&mut lines.weighted, &lines.weight, &lines.residual);
-        self.chi2 += dot(&lines.weighted, &lines.residual);
-        let used = lines.weight.iter().filter(|weight| **weight > 0.0).count();
-        self.used += used;
-        self.masked += lines.weight.len() - used;
-    }
-
-    /// Fills the lower half of the information once all pixels are in.
-    pub(crate) fn complete(&mut self) {
-        self.information.fill_lower_triangle_with_upper_triangle();
+        self.chi2 += full.chi2;
+        self.used += full.used;
+        self.masked += masked;
     }
 
     /// Adds what is known of the contrast beforehand: how far above the present one it should be, with its deviation.
@@ -100,26 +79,65 @@ impl Normal {
     pub(crate) fn shape(&self) -> Option<Shape> {
         let light = self.information.fixed_view::<2, 2>(4, 4).into_owned();
         let mixed = self.information.fixed_view::<4, 2>(0, 4).into_owned();
-        let inverse: Matrix2<f64> = light.try_inverse()?;
-        let light_score = self.score.fixed_rows::<2>(4).into_owned();
-        let light_step = inverse * light_score;
-        Some(Shape {
-            information: self.information.fixed_view::<4, 4>(0, 0) - mixed * inverse * mixed.transpose(),
-            score: self.score.fixed_rows::<4>(0) - mixed * light_step,
-            light_step,
-            light_per_shape: mixed * inverse,
-        })
+        let light_covariance = light.try_inverse()?;
+        let light_per_shape = mixed * light_covariance;
+        let mut shape = Shape {
+            information: self.information.fixed_view::<4, 4>(0, 0) - light_per_shape * mixed.transpose(),
+            score: Vector4::zeros(),
+            light_covariance,
+            light_per_shape,
+        };
+        shape.score = shape.reduced_score(&self.score);
+        Some(shape)
     }
 }
 
 impl Shape {
+    /// The score of u, v, radius and blur, light eliminated.
+    pub(crate) fn reduced_score(&self, score: &Vector6<f64>) -> Vector4<f64> {
+        score.fixed_rows::<4>(0) - self.light_per_shape * score.fixed_rows::<2>(4)
+    }
+
     /// Steps of contrast and background that go with a step of u, v, radius and blur.
-    pub(crate) fn light_step(&self, shape_step: &Vector4<f64>) -> Vector2<f64> {
-        self.light_step - self.light_per_shape.transpose() * shape_step
+    pub(crate) fn light_step(&self, score: &Vector6<f64>, shape_step: &Vector4<f64>) -> Vector2<f64> {
+        self.light_covariance * score.fixed_rows::<2>(4) - self.light_per_shape.transpose() * shape_step
     }
 }
 
-#[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
+/// Sums over pixels of products of the derivatives of light.
+#[derive(Debug, Default)]
+struct Sums {
+    products: [[f64; UNKNOWNS]; UNKNOWNS],
+    score: [f64; UNKNOWNS],
+    chi2: f64,
+    used: usize,
+}
+
+impl Sums {
+    fn fill(&mut self, light: &Light, weights: &Weights, weighted: &mut [f32]) {
+        let Light { light, with_u, with_v, with_radius, with_blur, open } = light;
+        sum_products([with_u, with_v, with_radius, with_blur, light, open], weights, weighted, self);
+    }
+}
+
+#[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
+fn sum_products(columns: [&[f32]; UNKNOWNS], weights: &Weights, weighted: &mut [f32], sums: &mut Sums) {
+    let count = weighted.len();
+    let (weight, residual) = (&weights.weight[..count], &weights.residual[..count]);
+    let columns = columns.map(|column| &column[..count]);
+    for i in 0..UNKNOWNS {
+        scale(weighted, weight, columns[i]);
+        for (product, column) in sums.products[i].iter_mut().zip(&columns).skip(i) {
+            *product = sum(weighted, column);
+        }
+        sums.score[i] = sum(weighted, residual);
+    }
+    scale(weighted, weight, residual);
+    sums.chi2 = sum(weighted, residual);
+    sums.used = weight.iter().map(|weight| u32::from(*weight > 0.0)).sum::<u32>() as usize;
+}
+
+#[inline(always)]
 fn scale(out: &mut [f32], a: &[f32], b: &[f32]) {
     for (out, (a, b)) in out.iter_mut().zip(a.iter().zip(b)) {
         *out = a * b;
@@ -127,8 +145,8 @@ fn scale(out: &mut [f32], a: &[f32], b: &[f32]) {
 }
 
 /// Sum of products, in lanes that vectorise.
-#[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
-pub(crate) fn dot(a: &[f32], b: &[f32]) -> f64 {
+#[inline(always)]
+fn sum(a: &[f32], b: &[f32]) -> f64 {
     const LANES: usize = 16;
     let mut lanes = [0.0_f32; LANES];
     let (a_chunks, b_chunks) = (a.chunks_exact(LANES), b.chunks_exact(LANES));
@@ -139,4 +157,10 @@ pub(crate) fn dot(a: &[f32], b: &[f32]) -> f64 {
         }
     }
     f64::from(lanes.iter().sum::<f32>() + rest)
+}
+
+/// [`sum`], for the callers that sum few.
+#[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
+pub(crate) fn dot(a: &[f32], b: &[f32]) -> f64 {
+    sum(a, b)
 }

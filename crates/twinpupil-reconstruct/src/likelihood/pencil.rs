@@ -11,6 +11,7 @@
 //!
 //! with the pupil of radius R and centre c at t behind a lens of focal length f, and the sensor at L.
 
+use smallvec::SmallVec;
 use twinpupil_instrument::{Band, Instrument, Projection};
 
 use crate::likelihood::spot::Dot;
@@ -26,6 +27,9 @@ pub(crate) struct Pencil {
     /// Every way through the masks: light passes if it passes all rings of one way.
     ways: Vec<Vec<Ring>>,
 }
+
+/// Ways through the masks, each with the edges that cut it; real masks leave one way with at most two edges.
+pub(crate) type Ways = SmallVec<[SmallVec<[Edge; 2]>; 1]>;
 
 /// The circle of a mask's zone in the coordinates of the pupil, about `start + per_image p`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -68,7 +72,7 @@ impl Pencil {
 
     /// The ways through the masks of the light that reaches the disc of image points about `centre_mm`, each with the
     /// edges that cut it; one way without any edge if all of the light passes.
-    pub(crate) fn ways_at(&self, centre_mm: Vector2, radius_mm: f64) -> Vec<Vec<Edge>> {
+    pub(crate) fn ways_at(&self, centre_mm: Vector2, radius_mm: f64) -> Ways {
         self.ways.iter().filter_map(|rings| edges(rings, centre_mm, radius_mm)).collect()
     }
 
@@ -101,9 +105,10 @@ impl Pencil {
         t / l * image_mm / lens_share(t, l, f)
     }
 
-    /// Radius of the image of a point at distance z, mm; negative if the image is turned against the pupil.
-    pub(crate) fn signed_blur_mm(&self, z_mm: f64) -> f64 {
-        self.object_scale_mm(z_mm) * self.projection.magnification(z_mm)
+    /// Radius of the image of a point at distance z, which the band images with `magnification`, mm; negative if the
+    /// image is turned against the pupil.
+    pub(crate) fn signed_blur_mm(&self, z_mm: f64, magnification: f64) -> f64 {
+        self.object_scale_mm(z_mm) * magnification
     }
 }
 
@@ -138,11 +143,12 @@ impl StopView {
 }
 
 /// The edges of rings that cut the unit disc somewhere in the disc of image points; `None` if a ring blocks all of it.
-fn edges(rings: &[Ring], centre_mm: Vector2, radius_mm: f64) -> Option<Vec<Edge>> {
-    let mut edges = Vec::new();
+fn edges(rings: &[Ring], centre_mm: Vector2, radius_mm: f64) -> Option<SmallVec<[Edge; 2]>> {
+    let mut edges = SmallVec::new();
     for ring in rings {
         let Ring { start, per_image, .. } = *ring;
-        let offset = (start[0] + per_image * centre_mm[0]).hypot(start[1] + per_image * centre_mm[1]);
+        let [x, y] = [0, 1].map(|axis| start[axis] + per_image * centre_mm[axis]);
+        let offset = (x * x + y * y).sqrt();
         let sweep = (per_image * radius_mm).abs();
         let (nearest, farthest) = ((offset - sweep).max(0.0), offset + sweep);
         if nearest - 1.0 >= ring.outer || farthest + 1.0 <= ring.inner {
@@ -173,7 +179,8 @@ mod tests {
     fn the_blur_is_the_projections() {
         for pencil in pencils() {
             for z_mm in [250.0, 296.0, 350.0] {
-                let difference_mm = pencil.signed_blur_mm(z_mm).abs() - pencil.projection.blur_radius_mm(z_mm);
+                let blur_mm = pencil.signed_blur_mm(z_mm, pencil.projection.magnification(z_mm)).abs();
+                let difference_mm = blur_mm - pencil.projection.blur_radius_mm(z_mm);
                 assert!(difference_mm.abs() < 1e-12, "{z_mm}: {difference_mm}");
             }
         }
@@ -186,7 +193,8 @@ mod tests {
         let [red, blue] = pencils();
         let reach_mm = (0.5 * 151.0 / 51.0 + 1.0) * 51.0 / 100.0;
         for pencil in [&red, &blue] {
-            assert_eq!(pencil.ways_at([0.0, reach_mm + 1e-9], 0.0), vec![Vec::new()]);
+            let clear = pencil.ways_at([0.0, reach_mm + 1e-9], 0.0);
+            assert!(clear.len() == 1 && clear[0].is_empty(), "{clear:?}");
             let cut = pencil.ways_at([0.0, reach_mm - 1e-9], 0.0);
             assert!(cut.len() == 1 && cut[0].len() == 1 && !cut[0][0].passes_inside, "{cut:?}");
         }

@@ -1,16 +1,19 @@
 //! From first positions to the most likely ones.
 
 use nalgebra::{Matrix3, Matrix4};
+use smallvec::SmallVec;
 use twinpupil_instrument::{Instrument, PlaneView, ResponseTable};
 
 use crate::likelihood::black::Black;
-use crate::likelihood::body::{Body, OwnCentre};
-use crate::likelihood::illumination::set_illumination;
-use crate::likelihood::joint::{BandView, Joint, Workspace};
+use crate::likelihood::body::{BandLight, Body, FitQuality, OwnCentre};
+use crate::likelihood::coupling::Coupling;
+use crate::likelihood::covariance::{Patch, covariance};
+use crate::likelihood::illumination::{Glance, set_illumination};
+use crate::likelihood::joint::{BandView, Buffers, Joint};
 use crate::likelihood::pencil::Pencil;
 use crate::likelihood::spot::{Dot, Page};
 use crate::noise::Noise;
-use crate::slope::local_slopes;
+use crate::slope::{NEIGHBOURS, NEIGHBOURS_ROUGH, Slopes};
 
 /// An instrument's forward model, ready to be compared with pixels.
 #[derive(Debug, Clone)]
@@ -76,7 +79,9 @@ impl Refined {
         const STD_MAX: f64 = 0.01;
         const CHI2_MAX: f64 = 1.25;
         const BLUR_PX_MIN: f64 = 4.0;
-        self.blur_px > BLUR_PX_MIN && self.reduced_chi2 < CHI2_MAX && self.covariance_mm2[(2, 2)].sqrt() < STD_MAX * self.dot.centre_mm[2]
+        self.blur_px > BLUR_PX_MIN
+            && self.reduced_chi2 < CHI2_MAX
+            && self.covariance_mm2[(2, 2)].sqrt() < STD_MAX * self.dot.centre_mm[2]
     }
 
     /// Of x, y and z, mm².
@@ -88,21 +93,33 @@ impl Refined {
 /// Depth of a dot that only one band shows is about that of the others, mm.
 const LONE_Z_STD_MM: f64 = 30.0;
 
-/// A change of slope that moves a dot by some tenths of its deviation, and the step after which it is looked at again.
-const SLOPE_FELT: f64 = 0.003;
+/// A change of slope that moves a dot's edge by so much is felt, px; the step after which the dot is looked at again.
+const SLOPE_FELT_PX: f64 = 0.025;
 const SLOPE_SIGMAS: f64 = 20.0;
 
-/// Rounds at most.
-const SWEEPS: usize = 16;
+/// A dot whose χ² a pixel is below the first, or below so many times that of the typical dot, is where its surface is.
+const SETTLED_CHI2: f64 = 2.5;
+const SETTLED_SHARE: f64 = 3.0;
 
-/// Rounds before which the slopes of surfaces are found: from the first positions, and when they are settled again.
-const SLOPE_ROUNDS: [usize; 5] = [0, 1, 2, 3, 5];
+/// Rounds at most.
+const ROUNDS: usize = 16;
+
+/// Buffers that are used again from frame to frame.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Workspace {
+    bodies: Vec<Body>,
+    buffers: Buffers,
+    patch: Patch,
+    blacks: Vec<Black>,
+    slopes: Slopes,
+    glance: Glance,
+}
 
 /// Rounds before which it is found how the light grows: from about where the dots are, and from where they are.
-const LIGHT_ROUNDS: [usize; 2] = [1, 3];
+const LIGHT_ROUNDS: [usize; 3] = [1, 2, 4];
 
-/// From this round on only dots that have settled tell the slope of their neighbours' surface.
-const SETTLED_ROUND: usize = 3;
+/// Rounds before which positions are rough.
+const ROUGH_ROUNDS: usize = 3;
 
 impl ForwardModel {
     /// The model of the bands of an instrument with these indices.
@@ -127,35 +144,47 @@ impl ForwardModel {
         seeds: &[Seed],
         background: &[f64],
         workspace: &mut Workspace,
-    ) -> Vec<Option<Refined>> {
-        let aberrations: Vec<_> = self.bands.iter().map(|band| self.aberration_mm(band.index)).collect();
-        let views: Vec<BandView<'_>> = (self.bands.iter().zip(planes))
-            .zip(&aberrations)
-            .map(|((band, (plane, noise)), aberration_mm)| BandView {
+        refined: &mut Vec<Option<Refined>>,
+    ) {
+        let Workspace { bodies, buffers, patch, blacks, slopes, glance } = workspace;
+        blacks.clear();
+        blacks.extend(planes.iter().map(|(_, noise)| Black::new(noise)));
+        let aberrations: SmallVec<[_; 2]> = self.bands.iter().map(|band| self.aberration_mm(band.index)).collect();
+        let views: SmallVec<[BandView<'_>; 2]> = (self.bands.iter().zip(planes))
+            .zip(aberrations.iter().zip(&*blacks))
+            .map(|((band, (plane, noise)), (aberration_mm, black))| BandView {
                 plane: *plane,
                 noise: *noise,
-                black: Black::new(noise),
+                black,
                 page: band.page,
                 pencil: &band.pencil,
                 aberration_mm,
             })
             .collect();
-        let bodies = seeds.iter().map(|seed| body(seed, &views, background)).collect();
-        let mut joint = Joint { bands: &views, bodies };
-        for round in 0..SWEEPS {
-            if SLOPE_ROUNDS.contains(&round) {
-                set_slopes(&mut joint.bodies, seeds, round < SETTLED_ROUND);
-            }
-            joint.meet_neighbours(workspace);
-            if LIGHT_ROUNDS.contains(&round) {
-                set_illumination(&mut joint, workspace);
-            }
-            joint.sweep(workspace);
+        bodies.clear();
+        bodies.extend(seeds.iter().map(|seed| body(seed, &views, background)));
+        let mut joint = Joint { bands: &views, bodies, buffers };
+        joint.begin();
+        for round in 0..ROUNDS {
+            let neighbours = if round < ROUGH_ROUNDS { NEIGHBOURS_ROUGH } else { NEIGHBOURS };
+            lay_surface(joint.bodies, neighbours, slopes);
+            set_slopes(joint.bodies, slopes, |body| !body.rests());
             if joint.bodies.iter().all(Body::rests) {
-                break;
+                // Those that came to rest first may stand on a surface that is known better by now.
+                set_slopes(joint.bodies, slopes, |_| true);
+                if joint.bodies.iter().all(Body::rests) {
+                    break;
+                }
             }
+            if LIGHT_ROUNDS.contains(&round) {
+                set_illumination(&mut joint, glance);
+            }
+            joint.refresh_moving();
+            joint.round();
         }
-        (0..seeds.len()).map(|index| refined(&joint, index, workspace)).collect()
+        refined.clear();
+        refined
+            .extend((0..seeds.len()).map(|index| self::refined(joint.bodies, &joint.buffers.couplings, index, patch)));
     }
 
     fn aberration_mm(&self, band: usize) -> impl Fn(f64, f64) -> f64 + Sync + '_ {
@@ -165,51 +194,81 @@ impl ForwardModel {
 
 fn body(seed: &Seed, views: &[BandView<'_>], background: &[f64]) -> Body {
     let dot = Dot { centre_mm: seed.centre_mm, diameter_mm: seed.diameter_mm, slopes: [0.0; 2] };
+    let z_prior_mm = (!seed.placed).then_some((seed.centre_mm[2], LONE_Z_STD_MM));
+    let mut body = Body::new(dot, z_prior_mm, seed.doubtful);
+    body.saturated = seed.saturated;
     let lights = views.iter().zip(&seed.contrast).zip(background);
-    Body {
-        dot,
-        bands: lights.map(|((view, contrast), ground)| contrast.map(|c| view.light(&dot, c, *ground))).collect(),
-        z_prior_mm: (!seed.placed).then_some((seed.centre_mm[2], LONE_Z_STD_MM)),
-        information: Matrix4::zeros(),
-        step_sigmas: f64::INFINITY,
-        alive: true,
-        rounds: 0,
-        doubtful: seed.doubtful,
-        saturated: seed.saturated,
-        masked: false,
-        has_neighbours: false,
-    }
+    body.bands.extend(
+        lights.map(|((view, contrast), ground)| {
+            contrast.map(|contrast| BandLight::new(contrast, *ground, view.spot(&dot)))
+        }),
+    );
+    body
 }
 
-/// Gives every placed dot the slopes of the surface that its neighbours show: all of them, or those that have settled.
-fn set_slopes(bodies: &mut [Body], seeds: &[Seed], all: bool) {
-    let places = |bodies: &[Body], all: bool| -> Vec<[f64; 3]> {
-        let counts = |(body, seed): &(&Body, &Seed)| seed.placed && body.alive && (all || body.is_settled());
-        bodies.iter().zip(seeds).filter(counts).map(|(body, _)| body.dot.centre_mm).collect()
-    };
-    let mut slopes = local_slopes(&places(bodies, all), &places(bodies, true)).into_iter();
-    for (body, _) in bodies.iter_mut().zip(seeds).filter(|(body, seed)| seed.placed && body.alive) {
-        let before = body.dot.slopes;
-        body.dot.slopes = slopes.next().flatten().unwrap_or(before);
-        // A dot that leans otherwise than it seemed is not where it seemed.
-        if (0..2).any(|axis| (before[axis] - body.dot.slopes[axis]).abs() > SLOPE_FELT) {
-            body.step_sigmas = body.step_sigmas.max(SLOPE_SIGMAS);
+/// Lays the surface through the placed dots that are where it is.
+fn lay_surface(bodies: &[Body], neighbours: usize, slopes: &mut Slopes) {
+    let settled_chi2 = SETTLED_CHI2.max(SETTLED_SHARE * median_chi2(bodies));
+    let is_settled = |body: &&Body| body.is_placed() && (body.rounds == 0 || body.explains(settled_chi2));
+    slopes.lay_through(bodies.iter().filter(is_settled).map(|body| body.dot.centre_mm), neighbours);
+}
+
+/// Gives placed dots the slopes of the surface.
+fn set_slopes(bodies: &mut [Body], slopes: &mut Slopes, is_asked: impl Fn(&Body) -> bool) {
+    for body in bodies.iter_mut().filter(|body| body.is_placed() && is_asked(body)) {
+        if let Some(slopes) = slopes.at(body.dot.centre_mm) {
+            lean(body, slopes);
         }
-        // The area of its foreshortened image is what is known of its size.
-        let stretch = |[sx, sy]: [f64; 2]| 1.0 + sx * sx + sy * sy;
-        body.dot.diameter_mm *= (stretch(body.dot.slopes) / stretch(before)).powf(0.25);
     }
 }
 
-fn refined(joint: &Joint<'_>, index: usize, workspace: &mut Workspace) -> Option<Refined> {
-    let body = &joint.bodies[index];
+/// Gives a dot the slopes of its surface; one that rests and would not feel it keeps those that it has.
+fn lean(body: &mut Body, slopes: [f64; 2]) {
+    let before = body.dot.slopes;
+    let felt =
+        body.bands.iter().flatten().any(|light| edge_shift_px(light.spot.radius_px, before, slopes) > SLOPE_FELT_PX);
+    if body.rests() && !felt {
+        return;
+    }
+    if felt {
+        body.moved_sigmas = body.moved_sigmas.max(SLOPE_SIGMAS);
+    }
+    body.dot.slopes = slopes;
+    // The area of its foreshortened image is what is known of its size.
+    let stretch = |[sx, sy]: [f64; 2]| 1.0 + sx * sx + sy * sy;
+    body.dot.diameter_mm *= (stretch(slopes) / stretch(before)).powf(0.25);
+}
+
+/// How far the outline of a disc moves when it leans otherwise, px: by the change of the cosine of its tilt; the blur and
+/// the scale that change across it move it by some per cent of the change of slope at most.
+fn edge_shift_px(radius_px: f64, before: [f64; 2], after: [f64; 2]) -> f64 {
+    const ACROSS: f64 = 0.05;
+    let middle = [0, 1].map(|axis| 0.5 * (before[axis] + after[axis]));
+    let square = middle[0] * middle[0] + middle[1] * middle[1];
+    let change = ((after[0] - before[0]).powi(2) + (after[1] - before[1]).powi(2)).sqrt();
+    radius_px * change * (square.sqrt() / (1.0 + square).powf(1.5)).max(ACROSS)
+}
+
+/// The typical dot's χ² a pixel.
+fn median_chi2(bodies: &[Body]) -> f64 {
+    let reduced = |body: &Body| body.quality.chi2 / body.quality.used.max(1) as f64;
+    let mut all: Vec<f64> = bodies.iter().filter(|body| body.alive && body.rounds > 0).map(reduced).collect();
+    if all.is_empty() {
+        return 0.0;
+    }
+    let middle = all.len() / 2;
+    *all.select_nth_unstable_by(middle, f64::total_cmp).1
+}
+
+fn refined(bodies: &[Body], couplings: &[Vec<Coupling>], index: usize, patch: &mut Patch) -> Option<Refined> {
+    let body = &bodies[index];
     if !body.alive {
         return None;
     }
-    let (used, masked_px, chi2) = body.fit_quality();
+    let FitQuality { used, masked: masked_px, chi2 } = body.quality;
     let unknowns = 4 + 2 * body.bands.iter().flatten().count();
     let reduced_chi2 = chi2 / used.saturating_sub(unknowns).max(1) as f64;
-    let covariance_mm2 = joint.covariance(index, workspace)? * reduced_chi2.max(1.0);
+    let covariance_mm2 = covariance(bodies, couplings, index, patch)? * reduced_chi2.max(1.0);
     let misfits = body.bands.iter().flatten().map(|light| {
         let normal = &light.normal;
         let excess = (normal.chi2 / normal.used.max(1) as f64 - 1.0).max(0.0);

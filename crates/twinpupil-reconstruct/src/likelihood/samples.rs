@@ -1,18 +1,18 @@
-//! The pixels of a plane about one spot.
+//! The pixels of a plane about its spots, read once.
 
+use multiversion::multiversion;
 use twinpupil_instrument::PlaneView;
 
+use crate::likelihood::full::{Full, FullRow};
 use crate::likelihood::light::Places;
+use crate::noise::Noise;
 
-/// Pixels about a spot: those that its edge or its surroundings share, and those that it fills.
+/// Pixels about all spots of a frame, one window after the other.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Samples {
-    /// Places of the first kind, and what they read, codes.
-    pub(crate) places: Places,
-    pub(crate) codes: Vec<f32>,
-    /// Places of the second kind, and what they read, codes.
-    pub(crate) full_places: Places,
-    pub(crate) full_codes: Vec<f32>,
+    /// Places about the centres of their windows.
+    places: Places,
+    codes: Vec<f32>,
 }
 
 /// Circles about a centre: the window, and within it the pixels that the spot fills.
@@ -23,56 +23,145 @@ pub(crate) struct Rings {
     pub(crate) full_px: f64,
 }
 
+/// How many of the rows of a window are looked at.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum Share {
+    Quarter,
+    All,
+}
+
+/// The pixels about one spot: samples that its edge or its surroundings share, and sums over those that it fills.
+#[derive(Debug, Clone)]
+pub(crate) struct Window {
+    rings: Rings,
+    first: usize,
+    /// Samples of the rows of every [`Share`].
+    counts: [usize; 2],
+    pub(crate) full: Full,
+}
+
+/// Every which row is of the quarter.
+const QUARTER: usize = 4;
+
+/// A window with fewer samples than this is looked at as a whole.
+const SAMPLES_FEW: usize = 256;
+
+/// A spot may move by so much before its window is read again, px.
+const SLACK_PX: f64 = 1.0;
+
+impl Window {
+    /// Whether it still serves a spot with these rings, whose light reaches `reach_px`.
+    pub(crate) fn serves(&self, rings: &Rings, reach_px: f64) -> bool {
+        let [du, dv] = [0, 1].map(|axis| rings.centre_px[axis] - self.rings.centre_px[axis]);
+        let moved_px = (du * du + dv * dv).sqrt();
+        let spare_px = if self.full.count() > 0.0 { rings.full_px - self.rings.full_px } else { f64::INFINITY };
+        moved_px <= spare_px && moved_px + reach_px <= self.rings.window_px
+    }
+
+    /// The smallest share of it that tells something: small windows are not shared.
+    pub(crate) fn share(&self, share: Share) -> Share {
+        if self.counts[share as usize] == self.counts[Share::All as usize] { Share::All } else { share }
+    }
+
+    /// Where a centre lies in its coordinates, px.
+    pub(crate) fn offset_px(&self, centre_px: [f64; 2]) -> [f64; 2] {
+        [0, 1].map(|axis| centre_px[axis] - self.rings.centre_px[axis])
+    }
+}
+
+impl Samples {
+    pub(crate) fn clear(&mut self) {
+        self.places.clear();
+        self.codes.clear();
+    }
+
+    /// Reads the pixels of a plane within the rings; the spot fills its inside with about `level` codes.
+    pub(crate) fn read(&mut self, plane: &PlaneView<'_>, noise: &Noise, rings: &Rings, level: f32) -> Window {
+        let rings = Rings { full_px: (rings.full_px - SLACK_PX).max(0.0), ..*rings };
+        let first = self.codes.len();
+        let mut full = Full::about(level);
+        let rows = rows(plane, rings.centre_px[1], rings.window_px);
+        let area = rows.len() * (2.0 * rings.window_px / plane.step_px as f64) as usize;
+        let every = if area < SAMPLES_FEW { 1 } else { QUARTER };
+        rows.clone().step_by(every).for_each(|row| self.read_row(plane, row, &rings, &mut full));
+        let quarter = self.codes.len() - first;
+        let others = rows.clone().enumerate().filter(|(place, _)| place % every != 0);
+        others.for_each(|(_, row)| self.read_row(plane, row, &rings, &mut full));
+        let counts = [quarter, self.codes.len() - first];
+        if !full.is_even(noise, plane.code_max) {
+            let inner: Vec<FullRow<'_>> = rows.filter_map(|row| full_row(plane, row, &rings)).collect();
+            full = full.without_foreign(noise, plane.code_max, &inner);
+        }
+        Window { rings, first, counts, full }
+    }
+
+    fn read_row(&mut self, plane: &PlaneView<'_>, row: usize, rings: &Rings, full: &mut Full) {
+        let [u_px, v_px] = rings.centre_px;
+        let dv_px = plane.frame_v_px(row as f64) - v_px;
+        let Some(window) = span(plane, u_px, dv_px, rings.window_px) else { return };
+        let inner = span(plane, u_px, dv_px, rings.full_px).unwrap_or(Span { first: window.end, end: window.end });
+        let (step, line) = (plane.step_px, plane.line(row));
+        for Span { first, end } in [Span { end: inner.first, ..window }, Span { first: inner.end, ..window }] {
+            if end > first {
+                let start = self.codes.len();
+                self.codes.resize(start + end - first, 0.0);
+                convert(&line[first * step..], step, &mut self.codes[start..]);
+                let first_px = (plane.frame_u_px(first as f64) - u_px) as f32;
+                self.places.du.extend((0..end - first).map(|k| first_px + (step * k) as f32));
+                self.places.dv.resize(start + end - first, dv_px as f32);
+            }
+        }
+        if let Some(row) = full_row(plane, row, rings) {
+            full.add(&row);
+        }
+    }
+
+    /// The samples of a window: their codes, and their places about a centre into `places`.
+    pub(crate) fn about(&self, window: &Window, share: Share, centre_px: [f64; 2], places: &mut Places) -> &[f32] {
+        let range = window.first..window.first + window.counts[share as usize];
+        let [offset_u, offset_v] = window.offset_px(centre_px).map(|offset| offset as f32);
+        places.clear();
+        places.du.extend(self.places.du[range.clone()].iter().map(|du| du - offset_u));
+        places.dv.extend(self.places.dv[range.clone()].iter().map(|dv| dv - offset_v));
+        &self.codes[range]
+    }
+}
+
+/// The pixels of a row that the spot fills.
+fn full_row<'a>(plane: &PlaneView<'a>, row: usize, rings: &Rings) -> Option<FullRow<'a>> {
+    let [u_px, v_px] = rings.centre_px;
+    let dv_px = plane.frame_v_px(row as f64) - v_px;
+    let Span { first, end } = span(plane, u_px, dv_px, rings.full_px)?;
+    Some(FullRow {
+        codes: &plane.line(row)[first * plane.step_px..],
+        step: plane.step_px,
+        count: end - first,
+        first_px: plane.frame_u_px(first as f64) - u_px,
+        dv_px,
+    })
+}
+
+/// Every `step`-th code as a number.
+#[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
+fn convert(line: &[u16], step: usize, out: &mut [f32]) {
+    match step {
+        1 => out.iter_mut().zip(line).for_each(|(value, code)| *value = f32::from(*code)),
+        2 => {
+            let pairs = line.as_chunks::<2>().0;
+            let paired = pairs.len().min(out.len());
+            out.iter_mut().zip(pairs).for_each(|(value, pair)| *value = f32::from(pair[0]));
+            // A row of odd length ends in a pixel without a partner.
+            out[paired..].iter_mut().zip(&line[2 * paired..]).for_each(|(value, code)| *value = f32::from(*code));
+        }
+        step => out.iter_mut().zip(line.iter().step_by(step)).for_each(|(value, code)| *value = f32::from(*code)),
+    }
+}
+
 /// Columns `first..end` of a row.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Span {
     first: usize,
     end: usize,
-}
-
-impl Samples {
-    /// Reads the pixels of a plane within the rings.
-    pub(crate) fn gather(&mut self, plane: &PlaneView<'_>, rings: &Rings) {
-        self.places.clear();
-        self.codes.clear();
-        self.full_places.clear();
-        self.full_codes.clear();
-        let [u_px, v_px] = rings.centre_px;
-        for row in rows(plane, v_px, rings.window_px) {
-            let dv_px = plane.frame_v_px(row as f64) - v_px;
-            let Some(window) = span(plane, u_px, dv_px, rings.window_px) else { continue };
-            let full = span(plane, u_px, dv_px, rings.full_px).unwrap_or(Span { first: window.end, end: window.end });
-            let row = Row { plane, row, u_px, dv_px };
-            row.read(Span { first: window.first, end: full.first }, &mut self.places, &mut self.codes);
-            row.read(full, &mut self.full_places, &mut self.full_codes);
-            row.read(Span { first: full.end, end: window.end }, &mut self.places, &mut self.codes);
-        }
-    }
-}
-
-/// A row of a plane as seen from a centre.
-struct Row<'a> {
-    plane: &'a PlaneView<'a>,
-    row: usize,
-    u_px: f64,
-    dv_px: f64,
-}
-
-impl Row<'_> {
-    /// Adds the pixels of a span.
-    fn read(&self, span: Span, places: &mut Places, codes: &mut Vec<f32>) {
-        let count = span.end.saturating_sub(span.first);
-        if count == 0 {
-            return;
-        }
-        let start = codes.len();
-        codes.resize(start + count, 0.0);
-        self.plane.read_span(self.row, span.first, &mut codes[start..]);
-        let first_px = (self.plane.frame_u_px(span.first as f64) - self.u_px) as f32;
-        let step_px = self.plane.step_px as f32;
-        places.du.extend((0..count).map(|k| first_px + step_px * k as f32));
-        places.dv.resize(start + count, self.dv_px as f32);
-    }
 }
 
 /// Rows of a plane within a distance of a centre.

@@ -1,6 +1,6 @@
 //! One dot as one band images it, in pixels of a plane's page.
 
-use crate::likelihood::pencil::{Edge, Pencil, Vector2};
+use crate::likelihood::pencil::{Pencil, Vector2, Ways};
 
 /// A flat round dot in space.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -28,7 +28,7 @@ pub(crate) struct Spot {
     pub(crate) shape: Matrix2,
     pub(crate) inverse: Matrix2,
     /// The ways through the masks, as [`Pencil::ways_at`] gives them.
-    pub(crate) ways: Vec<Vec<Edge>>,
+    pub(crate) ways: Ways,
     /// Position on the page of the optical axis, px.
     pub(crate) axis_px: Vector2,
     pub(crate) pitch_mm: f64,
@@ -53,47 +53,69 @@ const PIXEL_REACH_PX: f64 = 0.71;
 
 impl Spot {
     /// The image of `dot`; `aberration_mm` is what the lens adds to its radius.
+    #[cfg(test)]
+    pub(crate) fn of(dot: &Dot, pencil: &Pencil, page: Page, aberration_mm: f64) -> Self {
+        Self::with_jacobian(dot, pencil, page, aberration_mm).0
+    }
+
+    /// The image of `dot`, and its changes with it; `aberration_mm` is what the lens adds to its radius.
     ///
     /// On a sloping surface the disc is foreshortened along the steepest way and its two halves are imaged by different
     /// magnifications. A central projection makes an ellipse of it, whose centre lies `m′ sinθ cosθ a²` beside the
     /// image of the dot's.
-    pub(crate) fn of(dot: &Dot, pencil: &Pencil, page: Page, aberration_mm: f64) -> Self {
-        const DIFFERENCE_MM: f64 = 0.01;
-        let [x_mm, y_mm, z_mm] = dot.centre_mm;
-        let projection = &pencil.projection;
-        let magnification = projection.magnification(z_mm);
-        let change = |value: &dyn Fn(f64) -> f64| {
-            (value(z_mm + DIFFERENCE_MM) - value(z_mm - DIFFERENCE_MM)) / (2.0 * DIFFERENCE_MM)
-        };
-        let magnification_slope = change(&|z_mm| projection.magnification(z_mm)) / magnification;
+    pub(crate) fn with_jacobian(dot: &Dot, pencil: &Pencil, page: Page, aberration_mm: f64) -> (Self, SpotJacobian) {
+        let [x_mm, y_mm, _] = dot.centre_mm;
+        let per_px = 1.0 / page.pitch_mm;
+        let image = Imaging::at(dot.centre_mm, pencil);
+        let change = Imaging::change(dot.centre_mm, pencil);
         let radius_mm = 0.5 * dot.diameter_mm;
         let tilt = Tilt::of(dot.slopes);
+        let magnification_slope = change.magnification / image.magnification;
         let shape = tilt.shape([magnification_slope * x_mm, magnification_slope * y_mm]);
-        let radius_px = (magnification * radius_mm / page.pitch_mm).abs();
-        let image = projection.image(dot.centre_mm);
-        let outwards = aberration_mm / x_mm.hypot(y_mm).max(1e-9);
+        let radius_px = (image.magnification * radius_mm).abs() * per_px;
+        let outwards = aberration_mm / (x_mm * x_mm + y_mm * y_mm).sqrt().max(1e-9);
         // In units of the radius along the first axis of the unit disc.
         let off_centre = magnification_slope * tilt.sin * radius_mm * radius_px;
         let centre_px = [
-            page.axis_px[0] + (image.x_mm + outwards * x_mm) / page.pitch_mm + off_centre * shape[0][0],
-            page.axis_px[1] + (image.y_mm + outwards * y_mm) / page.pitch_mm + off_centre * shape[1][0],
+            page.axis_px[0] + (image.x_mm + outwards * x_mm) * per_px + off_centre * shape[0][0],
+            page.axis_px[1] + (image.y_mm + outwards * y_mm) * per_px + off_centre * shape[1][0],
         ];
-        let blur_mm = pencil.signed_blur_mm(z_mm);
-        let blur_change = change(&|z_mm| pencil.signed_blur_mm(z_mm)) * tilt.sin * radius_mm;
+        let skew = if tilt.sin == 0.0 { 0.0 } else { pencil.skew(dot) };
         let mut spot = Self {
             centre_px,
             radius_px,
-            blur_px: blur_mm / page.pitch_mm,
-            blur_growth_px: blur_change / page.pitch_mm,
-            skew: tilt.steepest.map(|component| component * pencil.skew(dot)),
+            blur_px: image.blur_mm * per_px,
+            blur_growth_px: change.blur_mm * tilt.sin * radius_mm * per_px,
+            skew: tilt.steepest.map(|component| component * skew),
             shape,
             inverse: inverse(shape),
-            ways: Vec::new(),
+            ways: Ways::new(),
             axis_px: page.axis_px,
             pitch_mm: page.pitch_mm,
         };
         spot.ways = pencil.ways_at(spot.image_mm(centre_px), spot.reach_px() * page.pitch_mm);
-        spot
+        // What the lens adds changes too little across a step to count.
+        let per_mm = (image.magnification + outwards) * per_px;
+        let towards = image.magnification.signum();
+        let jacobian = SpotJacobian::new(
+            per_mm,
+            0.0,
+            change.x_mm * per_px,
+            0.0,
+            0.0,
+            per_mm,
+            change.y_mm * per_px,
+            0.0,
+            0.0,
+            0.0,
+            towards * change.magnification * radius_mm * per_px,
+            0.5 * image.magnification.abs() * per_px,
+            0.0,
+            0.0,
+            change.blur_mm * per_px,
+            0.0,
+        );
+        (spot, jacobian)
     }
 
     /// Adds a blur.
@@ -159,36 +181,35 @@ impl Spot {
     pub(crate) fn is_clipped(&self) -> bool {
         self.ways.len() != 1 || !self.ways[0].is_empty()
     }
+}
 
-    /// Change of (u, v, radius, blur) of the image of `dot`, px, with (x, y, z, diameter), mm.
-    pub(crate) fn jacobian(
-        dot: &Dot,
-        pencil: &Pencil,
-        page: Page,
-        aberration_mm: &dyn Fn(f64, f64) -> f64,
-    ) -> SpotJacobian {
-        const STEPS_MM: [f64; 4] = [1e-3, 1e-3, 1e-2, 1e-3];
-        let local = |axis: usize, sign: f64| {
-            let mut moved = *dot;
-            match axis {
-                3 => moved.diameter_mm += sign * STEPS_MM[axis],
-                _ => moved.centre_mm[axis] += sign * STEPS_MM[axis],
-            }
-            let [x_mm, y_mm, z_mm] = moved.centre_mm;
-            let image = pencil.projection.image(moved.centre_mm);
-            let r_mm = x_mm.hypot(y_mm).max(1e-9);
-            let outwards = aberration_mm(r_mm, z_mm) / r_mm;
-            let radius_mm = 0.5 * moved.diameter_mm * pencil.projection.magnification(z_mm).abs();
-            [image.x_mm + outwards * x_mm, image.y_mm + outwards * y_mm, radius_mm, pencil.signed_blur_mm(z_mm)]
-        };
-        let mut jacobian = SpotJacobian::zeros();
-        for (axis, step_mm) in STEPS_MM.into_iter().enumerate() {
-            let (ahead, behind) = (local(axis, 1.0), local(axis, -1.0));
-            for row in 0..4 {
-                jacobian[(row, axis)] = (ahead[row] - behind[row]) / (2.0 * step_mm * page.pitch_mm);
-            }
+/// Where a point is imaged and how; or how that changes with its distance, per mm.
+struct Imaging {
+    x_mm: f64,
+    y_mm: f64,
+    magnification: f64,
+    /// Radius of the image, signed.
+    blur_mm: f64,
+}
+
+impl Imaging {
+    fn at(point_mm: [f64; 3], pencil: &Pencil) -> Self {
+        let (image, magnification) = pencil.projection.image_and_magnification(point_mm);
+        let blur_mm = pencil.signed_blur_mm(point_mm[2], magnification);
+        Self { x_mm: image.x_mm, y_mm: image.y_mm, magnification, blur_mm }
+    }
+
+    fn change([x_mm, y_mm, z_mm]: [f64; 3], pencil: &Pencil) -> Self {
+        const STEP_MM: f64 = 0.01;
+        let (far, near) =
+            (Self::at([x_mm, y_mm, z_mm + STEP_MM], pencil), Self::at([x_mm, y_mm, z_mm - STEP_MM], pencil));
+        let per_mm = 0.5 / STEP_MM;
+        Self {
+            x_mm: (far.x_mm - near.x_mm) * per_mm,
+            y_mm: (far.y_mm - near.y_mm) * per_mm,
+            magnification: (far.magnification - near.magnification) * per_mm,
+            blur_mm: (far.blur_mm - near.blur_mm) * per_mm,
         }
-        jacobian
     }
 }
 
@@ -202,8 +223,8 @@ struct Tilt {
 
 impl Tilt {
     fn of([sx, sy]: Vector2) -> Self {
-        let slope = sx.hypot(sy);
-        let cos = 1.0 / 1.0_f64.hypot(slope);
+        let slope = (sx * sx + sy * sy).sqrt();
+        let cos = 1.0 / (1.0 + slope * slope).sqrt();
         let steepest = if slope > 0.0 { [sx / slope, sy / slope] } else { [1.0, 0.0] };
         Self { steepest, sin: slope * cos, cos }
     }

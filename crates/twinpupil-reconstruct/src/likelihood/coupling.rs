@@ -1,0 +1,92 @@
+//! What two dots have in common whose light falls on the same pixels.
+
+use nalgebra::SMatrix;
+
+use crate::likelihood::light::{Light, Places};
+use crate::likelihood::normal::{UNKNOWNS, dot};
+use crate::likelihood::spot::Spot;
+use crate::likelihood::weigh::Weights;
+
+/// `JᵀWJ′` between the unknowns of a spot and those of a neighbour (its u, v, radius, blur and contrast) in one band.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Coupling {
+    /// Index of the neighbour's body.
+    pub(crate) other: usize,
+    pub(crate) band: usize,
+    pub(crate) block: SMatrix<f64, UNKNOWNS, 5>,
+}
+
+/// The samples of a spot's window that a neighbour reaches, and its light there.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Near {
+    index: Vec<u32>,
+    places: Places,
+    light: Light,
+    own: Vec<f32>,
+}
+
+/// A neighbour whose light falls into a window.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct NearLight<'a> {
+    pub(crate) spot: &'a Spot,
+    pub(crate) contrast: f64,
+    /// Growth of the illumination along u and v, 1/px.
+    pub(crate) growth: [f32; 2],
+}
+
+impl Near {
+    /// Finds the samples, placed about `about_px`, that a neighbour reaches, and its light there.
+    pub(crate) fn find(&mut self, near: &NearLight<'_>, about_px: [f64; 2], places: &Places) {
+        let shift = |axis: usize| (about_px[axis] - near.spot.centre_px[axis]) as f32;
+        let (shift_u, shift_v, reach) = (shift(0), shift(1), near.spot.reach_px() as f32);
+        self.index.clear();
+        self.places.clear();
+        for (index, (du, dv)) in places.du.iter().zip(&places.dv).enumerate() {
+            let (du, dv) = (du + shift_u, dv + shift_v);
+            if du * du + dv * dv < reach * reach {
+                self.index.push(index as u32);
+                self.places.push(du, dv);
+            }
+        }
+        if !self.index.is_empty() {
+            self.light.fill(near.spot, &self.places);
+        }
+    }
+
+    /// Adds the neighbour's light to that on the samples.
+    pub(crate) fn add(&self, near: &NearLight<'_>, others: &mut [f32]) {
+        let ([gu, gv], contrast) = (near.growth, near.contrast as f32);
+        for (k, sample) in self.index.iter().enumerate() {
+            let lit = 1.0 + gu * self.places.du[k] + gv * self.places.dv[k];
+            others[*sample as usize] += contrast * lit * self.light.light[k];
+        }
+    }
+
+    /// The products of the derivatives of a spot, of some contrast, and its neighbour on the pixels that both reach; `None`
+    /// without such pixels.
+    pub(crate) fn block(
+        &mut self,
+        near: &NearLight<'_>,
+        contrast: f64,
+        own: &Light,
+        weights: &Weights,
+    ) -> Option<SMatrix<f64, UNKNOWNS, 5>> {
+        if self.index.is_empty() {
+            return None;
+        }
+        let Self { index, light: other, own: weighted, .. } = self;
+        let columns = [&own.with_u, &own.with_v, &own.with_radius, &own.with_blur, &own.light, &own.open];
+        let scales = [contrast, contrast, contrast, contrast, 1.0, 1.0];
+        let others = [&other.with_u, &other.with_v, &other.with_radius, &other.with_blur, &other.light];
+        let other_scales = [near.contrast, near.contrast, near.contrast, near.contrast, 1.0];
+        let mut block = SMatrix::zeros();
+        for (i, column) in columns.into_iter().enumerate() {
+            weighted.clear();
+            weighted.extend(index.iter().map(|k| weights.weight[*k as usize] * column[*k as usize]));
+            for (k, other) in others.into_iter().enumerate() {
+                block[(i, k)] = scales[i] * other_scales[k] * dot(weighted, other);
+            }
+        }
+        Some(block)
+    }
+}

@@ -1,0 +1,337 @@
+//! What the pixels say that a spot fills: they differ by noise and by the illumination's slope alone, so sums tell all.
+
+use multiversion::multiversion;
+use nalgebra::{Matrix2, Matrix3, Vector2};
+
+use crate::likelihood::black::Black;
+use crate::noise::Noise;
+
+/// Sums over the pixels that a spot fills: of their places `p = (u, v)` about the window's centre, and of their codes d
+/// above a level near all of them.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Full {
+    level: f64,
+    count: f64,
+    /// Σp.
+    place: [f64; 2],
+    /// Σu², Σuv, Σv².
+    places: [f64; 3],
+    /// Σd, Σd p, Σd².
+    code: f64,
+    code_place: [f64; 2],
+    code2: f64,
+    /// Smallest and largest d.
+    lowest: f64,
+    highest: f64,
+    /// Pixels left out as saturated or as foreign.
+    pub(crate) masked: usize,
+}
+
+/// Pixels of one row of a plane.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct FullRow<'a> {
+    /// From the first of them on; every `step`-th is the plane's.
+    pub(crate) codes: &'a [u16],
+    pub(crate) step: usize,
+    pub(crate) count: usize,
+    /// Place of the first.
+    pub(crate) first_px: f64,
+    pub(crate) dv_px: f64,
+}
+
+/// A level with a slope, `l₀ + g·p`, in codes above that of the sums.
+#[derive(Debug, Clone, Copy)]
+struct Incline {
+    level: f64,
+    slope: [f64; 2],
+}
+
+/// The light on the pixels that a spot fills: `level · (l₀ + g·p)`, codes above black.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct FullLight {
+    pub(crate) level: f64,
+    /// Illumination in the middle of the window, and its growth, 1/px.
+    pub(crate) lit: f64,
+    pub(crate) growth: [f64; 2],
+}
+
+/// What full pixels add to normal equations: all that they feel changes with the illumination alone.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct FullSums {
+    /// `Σ w lit²`, `Σ w lit r`, `Σ w r²`.
+    pub(crate) information: f64,
+    pub(crate) score: f64,
+    pub(crate) chi2: f64,
+    pub(crate) used: usize,
+}
+
+/// Pixels that lie farther off than so many deviations are not the spot's, unless more than this share do.
+const FOREIGN_SIGMAS: f64 = 6.0;
+const FOREIGN_SHARE: f64 = 0.02;
+
+impl Full {
+    /// Of no pixel yet, about a level.
+    pub(crate) fn about(level: f32) -> Self {
+        Self {
+            level: f64::from(level),
+            count: 0.0,
+            place: [0.0; 2],
+            places: [0.0; 3],
+            code: 0.0,
+            code_place: [0.0; 2],
+            code2: 0.0,
+            lowest: f64::INFINITY,
+            highest: f64::NEG_INFINITY,
+            masked: 0,
+        }
+    }
+
+    /// Number of pixels.
+    pub(crate) fn count(&self) -> f64 {
+        self.count
+    }
+
+    /// Adds a row.
+    pub(crate) fn add(&mut self, row: &FullRow<'_>) {
+        let RowSums { code, code_index, code2, lowest, highest } = row_sums(row, self.level as f32);
+        let n = row.count as f64;
+        let step = row.step as f64;
+        // Σk and Σk² over k = 0 … n − 1.
+        let (index, index2) = (0.5 * n * (n - 1.0), n * (n - 1.0) * (2.0 * n - 1.0) / 6.0);
+        let u = n * row.first_px + step * index;
+        self.count += n;
+        self.place[0] += u;
+        self.place[1] += n * row.dv_px;
+        self.places[0] += n * row.first_px * row.first_px + 2.0 * row.first_px * step * index + step * step * index2;
+        self.places[1] += u * row.dv_px;
+        self.places[2] += n * row.dv_px * row.dv_px;
+        self.code += code;
+        self.code_place[0] += row.first_px * code + step * code_index;
+        self.code_place[1] += row.dv_px * code;
+        self.code2 += code2;
+        self.lowest = self.lowest.min(lowest);
+        self.highest = self.highest.max(highest);
+    }
+
+    /// Whether all pixels are about alike and none is saturated.
+    pub(crate) fn is_even(&self, noise: &Noise, code_max: u16) -> bool {
+        if self.count == 0.0 {
+            return true;
+        }
+        let mean = self.code / self.count;
+        let bound = FOREIGN_SIGMAS * noise.variance(self.level + mean).sqrt();
+        self.highest + self.level < f64::from(code_max) && self.highest - mean < bound && mean - self.lowest < bound
+    }
+
+    /// The same pixels without those that are saturated or do not fit to the others.
+    pub(crate) fn without_foreign(&self, noise: &Noise, code_max: u16, rows: &[FullRow<'_>]) -> Self {
+        const ROUNDS: usize = 3;
+        let whole = self.kept(rows, code_max, |_, _| true);
+        let mut kept = whole.clone();
+        for _ in 0..ROUNDS {
+            let Some(incline) = kept.incline() else { break };
+            let bound = FOREIGN_SIGMAS * noise.variance(self.level + incline.level).sqrt();
+            kept = self.kept(rows, code_max, |place, code| (code - incline.at(place)).abs() < bound);
+        }
+        let foreign = kept.masked - whole.masked;
+        if foreign as f64 > FOREIGN_SHARE * self.count { whole } else { kept }
+    }
+
+    fn kept(&self, rows: &[FullRow<'_>], code_max: u16, is_own: impl Fn([f64; 2], f64) -> bool) -> Self {
+        let mut kept = Self::about(self.level as f32);
+        for row in rows {
+            for (k, code) in row.codes.iter().step_by(row.step).take(row.count).enumerate() {
+                let place = [row.first_px + (row.step * k) as f64, row.dv_px];
+                if *code < code_max && is_own(place, f64::from(*code) - self.level) {
+                    kept.add(&FullRow {
+                        codes: std::slice::from_ref(code),
+                        step: 1,
+                        count: 1,
+                        first_px: place[0],
+                        dv_px: place[1],
+                    });
+                } else {
+                    kept.masked += 1;
+                }
+            }
+        }
+        kept
+    }
+
+    /// The level with a slope that fits the codes best.
+    fn incline(&self) -> Option<Incline> {
+        let ([u, v], [uu, uv, vv]) = (self.place, self.places);
+        let normal = Matrix3::new(self.count, u, v, u, uu, uv, v, uv, vv);
+        let [level, along_u, along_v] =
+            (normal.try_inverse()? * nalgebra::Vector3::new(self.code, self.code_place[0], self.code_place[1])).into();
+        Some(Incline { level, slope: [along_u, along_v] })
+    }
+
+    /// Relative growth of the light in the middle of the pixels, 1/px, and what is known of it.
+    ///
+    /// ```text
+    /// Σ d (p − p̄) = L Σ (p − p̄)(p − p̄)ᵀ g
+    /// ```
+    pub(crate) fn growth(&self, noise: &Noise) -> Option<(Vector2<f64>, Matrix2<f64>)> {
+        let Incline { level, slope } = self.incline()?;
+        let (slope, mean) = (Vector2::from(slope), Vector2::from(self.place) / self.count);
+        let [uu, uv, vv] = self.places;
+        let spread = Matrix2::new(uu, uv, uv, vv) - mean * mean.transpose() * self.count;
+        let code = self.level + level + slope.dot(&mean);
+        let light = code - noise.black_level;
+        (light > 0.0).then(|| (slope / light, spread * (light * light / noise.variance(code))))
+    }
+
+    /// What the pixels say of their light.
+    ///
+    /// ```text
+    /// r = d + r₀ − L g·p      r₀ = level − black − L l₀
+    /// ```
+    pub(crate) fn sums(&self, light: &FullLight, noise: &Noise, black: &Black) -> FullSums {
+        let ([u, v], [uu, uv, vv], [gu, gv]) = (self.place, self.places, light.growth);
+        let growth = gu * u + gv * v;
+        let growth2 = gu * gu * uu + 2.0 * gu * gv * uv + gv * gv * vv;
+        let code_growth = gu * self.code_place[0] + gv * self.code_place[1];
+        let middle = light.level * light.lit;
+        let reading = black.reading(middle as f32, noise);
+        let (slope, trust) = (f64::from(reading.slope), f64::from(reading.trust));
+        let start = self.level - noise.black_level - f64::from(reading.mean);
+        let level = slope * light.level;
+        let square = light.lit * light.lit * self.count + 2.0 * light.lit * growth + growth2;
+        let score = light.lit * (self.code + self.count * start - level * growth) + code_growth + start * growth
+            - level * growth2;
+        let chi2 = self.code2 + self.count * start * start + level * level * growth2 + 2.0 * start * self.code
+            - 2.0 * level * code_growth
+            - 2.0 * start * level * growth;
+        FullSums {
+            information: trust * slope * slope * square,
+            score: trust * slope * score,
+            chi2: trust * chi2,
+            used: self.count as usize,
+        }
+    }
+}
+
+impl Incline {
+    fn at(&self, [u, v]: [f64; 2]) -> f64 {
+        self.level + self.slope[0] * u + self.slope[1] * v
+    }
+}
+
+/// Σd, Σkd, Σd² of the codes d above a level of a row's k-th pixels, and their extremes.
+struct RowSums {
+    code: f64,
+    code_index: f64,
+    code2: f64,
+    lowest: f64,
+    highest: f64,
+}
+
+#[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
+fn row_sums(row: &FullRow<'_>, level: f32) -> RowSums {
+    const LANES: usize = 8;
+    let (mut code, mut code_index, mut code2) = ([0.0_f32; LANES], [0.0_f32; LANES], [0.0_f32; LANES]);
+    let (mut lowest, mut highest) = ([f32::INFINITY; LANES], [f32::NEG_INFINITY; LANES]);
+    let mut add = |lane: usize, index: usize, value: u16| {
+        let d = f32::from(value) - level;
+        code[lane] += d;
+        code_index[lane] += d * index as f32;
+        code2[lane] += d * d;
+        lowest[lane] = lowest[lane].min(d);
+        highest[lane] = highest[lane].max(d);
+    };
+    let whole = row.count / LANES * LANES;
+    let strided = |k: usize| row.codes[k * row.step];
+    if row.step == 2 && 2 * whole <= row.codes.len() {
+        for (chunk, pairs) in row.codes[..2 * whole].as_chunks::<2>().0.as_chunks::<LANES>().0.iter().enumerate() {
+            for (lane, pair) in pairs.iter().enumerate() {
+                add(lane, chunk * LANES + lane, pair[0]);
+            }
+        }
+    } else {
+        (0..whole).for_each(|k| add(k % LANES, k, strided(k)));
+    }
+    (whole..row.count).for_each(|k| add(k % LANES, k, strided(k)));
+    let sum = |lanes: [f32; LANES]| f64::from(lanes.iter().sum::<f32>());
+    RowSums {
+        code: sum(code),
+        code_index: sum(code_index),
+        code2: sum(code2),
+        lowest: f64::from(lowest.into_iter().fold(f32::INFINITY, f32::min)),
+        highest: f64::from(highest.into_iter().fold(f32::NEG_INFINITY, f32::max)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const NOISE: Noise = Noise { floor_codes2: 1.0, slope_codes: 0.1, black_level: 8.0 };
+
+    /// Every second code of `codes`, in rows of `width`.
+    fn rows(codes: &[u16], width: usize) -> Vec<FullRow<'_>> {
+        let row = |(index, codes)| FullRow {
+            codes,
+            step: 2,
+            count: width / 2,
+            first_px: -0.3 * width as f64,
+            dv_px: 2.0 * index as f64 - 9.0,
+        };
+        codes.chunks(width).enumerate().map(row).collect()
+    }
+
+    fn of(rows: &[FullRow<'_>]) -> Full {
+        let mut full = Full::about(990.0);
+        rows.iter().for_each(|row| full.add(row));
+        full
+    }
+
+    fn codes() -> Vec<u16> {
+        (0..520_u32).map(|k| (1000 + (k * k) % 17) as u16).collect()
+    }
+
+    #[test]
+    fn the_sums_are_those_over_pixels() {
+        let codes = codes();
+        let rows = rows(&codes, 52);
+        let light = FullLight { level: 995.0, lit: 1.02, growth: [3e-4, -2e-4] };
+        let sums = of(&rows).sums(&light, &NOISE, &Black::new(&NOISE));
+        let trust = 1.0 / NOISE.variance(light.level * light.lit + NOISE.black_level);
+        let (mut information, mut score, mut chi2) = (0.0, 0.0, 0.0);
+        for row in &rows {
+            for k in 0..row.count {
+                let lit = light.lit + light.growth[0] * (row.first_px + 2.0 * k as f64) + light.growth[1] * row.dv_px;
+                let left = f64::from(row.codes[2 * k]) - NOISE.black_level - light.level * lit;
+                information += trust * lit * lit;
+                score += trust * lit * left;
+                chi2 += trust * left * left;
+            }
+        }
+        let near = |a: f64, b: f64| assert!((a / b - 1.0).abs() < 1e-5, "{a} {b}");
+        near(sums.information, information);
+        near(sums.score, score);
+        near(sums.chi2, chi2);
+    }
+
+    #[test]
+    fn hot_and_saturated_pixels_are_left_out() {
+        let mut codes = codes();
+        let clean = of(&rows(&codes, 52));
+        assert!(clean.is_even(&NOISE, 4095));
+        (codes[40], codes[300]) = (4095, 100);
+        let rows = rows(&codes, 52);
+        let full = of(&rows);
+        assert!(!full.is_even(&NOISE, 4095));
+        let kept = full.without_foreign(&NOISE, 4095, &rows);
+        assert_eq!((kept.masked, kept.count()), (2, clean.count() - 2.0));
+        assert!(kept.is_even(&NOISE, 4095));
+    }
+
+    #[test]
+    fn a_pattern_is_no_defect() {
+        let codes: Vec<u16> = (0..520).map(|k| if (k / 20) % 2 == 0 { 1000 } else { 1500 }).collect();
+        let rows = rows(&codes, 52);
+        let kept = of(&rows).without_foreign(&NOISE, 4095, &rows);
+        assert_eq!(kept.masked, 0);
+    }
+}

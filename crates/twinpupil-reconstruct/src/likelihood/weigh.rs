@@ -1,0 +1,132 @@
+//! How pixels compare with modelled light: weights and residuals.
+
+use multiversion::multiversion;
+
+use crate::likelihood::black::Black;
+use crate::likelihood::light::{Light, Places};
+use crate::noise::Noise;
+
+/// Weights and residuals of pixels, for derivatives of the light alone: what the illumination and the end of the scale
+/// do to a code, and so to all of its derivatives, is in the weight.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Weights {
+    pub(crate) weight: Vec<f32>,
+    pub(crate) residual: Vec<f32>,
+    /// Modelled light, codes above black.
+    model: Vec<f32>,
+}
+
+/// A dot's light and that of its ground, codes above black, with the growth of the illumination, 1/px.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Levels {
+    pub(crate) contrast: f32,
+    pub(crate) background: f32,
+    pub(crate) growth: [f32; 2],
+}
+
+/// The plane's noise and which pixels do not count.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Judge<'a> {
+    pub(crate) noise: &'a Noise,
+    pub(crate) black: &'a Black,
+    /// Codes from this on are saturated.
+    saturated: f32,
+    /// Pixels that should read more than the first, and do read more than the second, are spared by their noise alone.
+    full: f32,
+    spared: f32,
+    /// Largest square of a residual over its variance that counts.
+    limit: f32,
+}
+
+impl<'a> Judge<'a> {
+    pub(crate) fn new(noise: &'a Noise, black: &'a Black, saturated: f32, limit: f32) -> Self {
+        const FULL_SIGMAS: f64 = 3.0;
+        let spread = (FULL_SIGMAS * noise.variance(f64::from(saturated)).sqrt()) as f32;
+        let full = saturated - noise.black_level as f32 - spread;
+        Self { noise, black, saturated, full, spared: saturated - 2.0 * spread, limit }
+    }
+}
+
+impl Weights {
+    /// Compares codes with the light of a spot and `others`, that of its neighbours.
+    pub(crate) fn compare(
+        &mut self,
+        codes: &[f32],
+        places: &Places,
+        light: &Light,
+        others: &[f32],
+        levels: &Levels,
+        judge: &Judge<'_>,
+    ) {
+        let Self { weight, residual, model } = self;
+        let count = codes.len();
+        for values in [&mut *weight, &mut *residual, &mut *model] {
+            values.resize(count, 0.0);
+        }
+        let darkest = weigh(codes, places, light, others, levels, judge, [weight, residual, model]);
+        if darkest < judge.black.light_max {
+            self.clip_at_black(codes, places, levels, judge);
+        }
+    }
+
+    /// Where codes near zero cannot be negative.
+    fn clip_at_black(&mut self, codes: &[f32], places: &Places, levels: &Levels, judge: &Judge<'_>) {
+        let black_level = judge.noise.black_level as f32;
+        let [gu, gv] = levels.growth;
+        // Most of the ground has the same light.
+        let (mut last, mut reading) = (f32::NAN, judge.black.read(0.0));
+        for (k, code) in codes.iter().enumerate() {
+            let light = self.model[k];
+            if light < judge.black.light_max && *code < judge.saturated {
+                if light != last {
+                    (last, reading) = (light, judge.black.read(light));
+                }
+                let left = code - black_level - reading.mean;
+                let slope = reading.slope.max(1e-3) * (1.0 + gu * places.du[k] + gv * places.dv[k]);
+                let out = left * left * reading.trust > judge.limit;
+                self.weight[k] = if out { 0.0 } else { reading.trust * slope * slope };
+                self.residual[k] = left / slope;
+            }
+        }
+    }
+}
+
+/// Fills weights, residuals and modelled light; the least light of all.
+#[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
+fn weigh(
+    codes: &[f32],
+    places: &Places,
+    light: &Light,
+    others: &[f32],
+    levels: &Levels,
+    judge: &Judge<'_>,
+    [weight, residual, model]: [&mut [f32]; 3],
+) -> f32 {
+    const LANES: usize = 8;
+    let count = codes.len();
+    let (du, dv) = (&places.du[..count], &places.dv[..count]);
+    let (own, open, others) = (&light.light[..count], &light.open[..count], &others[..count]);
+    let (weight, residual, model) = (&mut weight[..count], &mut residual[..count], &mut model[..count]);
+    let Levels { contrast, background, growth: [gu, gv] } = *levels;
+    let (floor, slope) = (judge.noise.floor_codes2 as f32, judge.noise.slope_codes as f32);
+    let (black_level, saturated, limit) = (judge.noise.black_level as f32, judge.saturated, judge.limit);
+    for k in 0..count {
+        let lit = 1.0 + gu * du[k] + gv * dv[k];
+        let lights = others[k] + lit * (contrast * own[k] + background * open[k]);
+        let trust = 1.0 / (floor + slope * lights.max(0.0));
+        let left = codes[k] - black_level - lights;
+        let full = (codes[k] >= saturated) | ((lights > judge.full) & (codes[k] > judge.spared));
+        let out = full | (left * left * trust > limit);
+        weight[k] = if out { 0.0 } else { trust * lit * lit };
+        residual[k] = left / lit;
+        model[k] = lights;
+    }
+    let mut darkest = [f32::INFINITY; LANES];
+    let (chunks, rest) = model.as_chunks::<LANES>();
+    for chunk in chunks {
+        for lane in 0..LANES {
+            darkest[lane] = darkest[lane].min(chunk[lane]);
+        }
+    }
+    darkest.iter().chain(rest).fold(f32::INFINITY, |least, value| least.min(*value))
+}
