@@ -134,6 +134,28 @@ impl Placed {
     }
 }
 
+/// How far the centroid of a feature of any shape may jump on a lattice of pixels, px.
+///
+/// Where its edge crosses a line of pixels, the sum over them misses the edge by a wave of the lattice, of which the
+/// pixel's square and the blur of radius b leave a share. With 2R/s lines across an area of radius R, each counting by
+/// its distance from the middle, and twice as much since straight edges miss alike from line to line:
+///
+/// ```text
+/// ε = s/(√2 π) · sinc(1/s) · 2 J₁(2πb/s)/(2πb/s)        σ = 2 ε √(2 s/R)/π
+/// ```
+fn lattice_std_px(feature: &Feature, step_px: f64) -> f64 {
+    use std::f64::consts::{PI, SQRT_2};
+    // At whole pixels the square leaves nothing of a wave along it, but of those across.
+    const SQUARE_MIN: f64 = 0.1;
+    let radius_px = (feature.area_px / PI).sqrt();
+    let wave = PI / step_px;
+    let square = (wave.sin() / wave).abs().max(SQUARE_MIN);
+    // The envelope of Bessel's function.
+    let disc = (1.6 * (2.0 * wave * feature.edge_px).powf(-1.5)).min(1.0);
+    let edge_px = step_px / (SQRT_2 * PI) * square * disc;
+    2.0 * edge_px * (2.0 * step_px / radius_px).sqrt() / PI
+}
+
 /// Contrast of a feature, as a guess where the largest code cuts it off.
 fn probable_height_codes(feature: &Feature) -> f64 {
     const OVEREXPOSED: f64 = 1.3;
@@ -294,6 +316,8 @@ impl Reconstructor {
             let same = measured.features.iter().filter(is_same).min_by(|a, b| away_px(a).total_cmp(&away_px(b)));
             if let Some(same) = same.filter(|same| away_px(same) < feature.area_px.sqrt()) {
                 *feature = *same;
+                let lattice_px = lattice_std_px(feature, plane.step_px as f64);
+                feature.centre_std_px = feature.centre_std_px.map(|std_px| std_px.hypot(lattice_px));
             }
         }
         found

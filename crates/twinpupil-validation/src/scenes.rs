@@ -1,5 +1,6 @@
 //! Scenes as they come: dark dots, uneven light, dots of all sizes, bad pixels, too much light, dots that touch.
 
+use twinpupil_instrument::Instrument;
 use twinpupil_reconstruct::Point;
 use twinpupil_simulate::{
     Defects, DotSpec, Illumination, ImagePattern, Pattern, Picture, Plate, Scene, SceneSpec, TiltAxis,
@@ -7,7 +8,7 @@ use twinpupil_simulate::{
 
 use crate::limit::{Camera, Score, model_rig, plate};
 use crate::plates::{Pose, is_near};
-use crate::rig::{Rig, dots, nearest};
+use crate::rig::{dots, nearest};
 
 /// A scene before a camera.
 #[derive(Debug, Clone)]
@@ -167,38 +168,41 @@ pub fn all() -> Vec<Case> {
     cases
 }
 
-/// A plate of shapes that are no discs, with where their middles are.
-pub fn shapes(pose: Pose) -> (Scene, Vec<[f64; 3]>) {
-    const WIDTH_MM: f64 = 18.0;
-    const HEIGHT_MM: f64 = 10.8;
-    const PX_PER_MM: f64 = 150.0;
-    let size_px = [WIDTH_MM, HEIGHT_MM].map(|length_mm| (length_mm * PX_PER_MM) as usize);
-    let (tilt_deg, distance_mm) = match pose {
-        Pose::Facing(z_mm) => (0.0, z_mm),
-        Pose::Tilted(tilt_deg) => (tilt_deg, 300.0),
+/// A camera with a small sensor beside the axis: it sees x from 2.3 to 8 mm and y within 2.4 mm.
+pub fn corner(camera: Camera) -> Instrument {
+    let mut spec = camera.instrument().into_spec();
+    spec.sensor.size_px = [540, 420];
+    spec.sensor.axis_px = [-190.0, 209.5];
+    Instrument::new(spec).expect("the paper's instrument with a part of its sensor")
+}
+
+/// Twelve facing dots before [`corner`], with sizes in turn.
+pub fn patch(z_mm: f64, diameters_mm: &[f64]) -> Scene {
+    let place = |k: usize| {
+        let (column, row) = ((k % 4) as f64, (k / 4) as f64);
+        let diameter_mm = diameters_mm[k % diameters_mm.len()];
+        [3.3 + 1.25 * column + 0.04 * row, 1.3 * (row - 1.0) + 0.03 * column, z_mm, diameter_mm]
     };
+    discs(&(0..12).map(place).collect::<Vec<_>>())
+}
+
+/// A plate of shapes that are no discs before [`corner`], with where their middles are.
+pub fn shapes(z_mm: f64) -> (Scene, Vec<[f64; 3]>) {
+    const SIZE_MM: [f64; 2] = [16.4, 4.8];
+    const PX_PER_MM: f64 = 150.0;
+    let size_px = SIZE_MM.map(|length_mm| (length_mm * PX_PER_MM) as usize);
     let mut values = vec![0.0_f32; size_px[0] * size_px[1]];
     let mut middles_mm = Vec::new();
-    for k in 0..28 {
-        let middle_mm = [f64::from(k % 7) * 2.4 - 7.2, f64::from(k / 7) * 2.5 - 3.75];
-        if middle_mm[0].hypot(middle_mm[1]) < 2.8 {
-            continue;
-        }
-        let turn_rad = 0.37 * f64::from(k);
-        middles_mm.push(draw(&mut values, size_px[0], PX_PER_MM, middle_mm.map(|m| m + 0.01), [WIDTH_MM, HEIGHT_MM], turn_rad, k % 5));
+    for k in 0..6 {
+        let middle_mm = [3.3 + 1.9 * f64::from(k % 3), 2.1 * f64::from(k / 3) - 1.05];
+        let [x_mm, y_mm] = draw(&mut values, size_px[0], PX_PER_MM, middle_mm, SIZE_MM, 0.37 * f64::from(k), k % 5);
+        middles_mm.push([x_mm, y_mm, z_mm]);
     }
-    let plate = Plate {
-        distance_mm,
-        tilt_deg,
-        tilt_axis: TiltAxis::Y,
-        pattern: Pattern::Image(ImagePattern { image: "shapes.png".to_owned(), width_mm: WIDTH_MM }),
-    };
-    let pose = plate.pose();
-    let [stretch, _] = pose.stretch();
-    let truth = middles_mm.into_iter().map(|[x, y]| pose.at(x / stretch, y)).collect();
+    let pattern = Pattern::Image(ImagePattern { image: "shapes.png".to_owned(), width_mm: SIZE_MM[0] });
+    let plate = Plate { distance_mm: z_mm, tilt_deg: 0.0, tilt_axis: TiltAxis::Y, pattern };
     let scene = Scene::new(SceneSpec { plate: Some(plate), ..dots(&[]).spec().clone() }).expect("a legal plate");
     let picture = Picture::new(size_px[0], size_px[1], values).expect("a picture");
-    (scene.with_picture(picture).expect("a picture of the plate"), truth)
+    (scene.with_picture(picture).expect("a picture of the plate"), middles_mm)
 }
 
 /// Draws a shape of about 1 mm and returns its centroid: a square, a triangle, a ring, an L or a half disc.
@@ -214,10 +218,10 @@ fn draw(
     let (sin, cos) = turn_rad.sin_cos();
     let within = |x: f64, y: f64| match kind {
         0 => x.abs() < 0.4 && y.abs() < 0.4,
-        1 => y < 0.35 && y > -0.5 + 1.7 * x.abs(),
+        1 => y < 0.35 && y > -0.45 + 1.7 * x.abs(),
         2 => (0.25..0.5).contains(&x.hypot(y)),
-        3 => (x.abs() < 0.45 && y.abs() < 0.45) && (x < -0.1 || y > 0.1),
-        _ => x.hypot(y) < 0.55 && y > -0.1,
+        3 => (x.abs() < 0.4 && y.abs() < 0.4) && (x < -0.1 || y > 0.1),
+        _ => x.hypot(y) < 0.5 && y > -0.1,
     };
     let (mut sum, mut sums) = (0.0, [0.0; 2]);
     for (index, value) in values.iter_mut().enumerate() {
@@ -232,16 +236,11 @@ fn draw(
     [0, 1].map(|axis| middle_mm[axis] + sums[axis] / sum)
 }
 
-/// How features of known middles are read: errors of z, mm, each with the deviation that was reported; how many middles
-/// are wholly seen; and how many points belong to none.
-pub fn read_middles(rig: &Rig, scene: &Scene, middles_mm: &[[f64; 3]], seed: u64) -> (Vec<[f64; 2]>, usize, usize) {
-    const SIZE_MM: f64 = 1.3;
-    let points = rig.points(&rig.frame(scene, Some(seed)));
-    let seen: Vec<_> = middles_mm.iter().filter(|middle_mm| rig.sees_whole(**middle_mm, SIZE_MM)).collect();
-    let found = seen.iter().filter_map(|middle_mm| {
-        let point = nearest(&points, **middle_mm).filter(|point| is_near(point.position_mm, **middle_mm))?;
+/// Errors of z, mm, with the deviations that were reported, of the points that lie where something is.
+pub fn errors_mm(points: &[Point], middles_mm: &[[f64; 3]]) -> Vec<[f64; 2]> {
+    let near = |middle_mm: &[f64; 3]| {
+        let point = nearest(points, *middle_mm).filter(|point| is_near(point.position_mm, *middle_mm))?;
         Some([point.position_mm[2] - middle_mm[2], point.std_mm[2]])
-    });
-    let belongs = |point: &&Point| middles_mm.iter().any(|middle_mm| is_near(point.position_mm, *middle_mm));
-    (found.collect(), seen.len(), points.iter().filter(|point| !belongs(point)).count())
+    };
+    middles_mm.iter().filter_map(near).collect()
 }

@@ -116,7 +116,7 @@ pub(crate) struct Workspace {
 }
 
 /// Rounds before which it is found how the light grows: from about where the dots are, and from where they are.
-const LIGHT_ROUNDS: [usize; 3] = [1, 2, 4];
+const LIGHT_ROUNDS: [usize; 5] = [1, 2, 3, 4, 6];
 
 /// Rounds before which positions are rough.
 const ROUGH_ROUNDS: usize = 3;
