@@ -383,9 +383,11 @@ impl Reconstructor {
         groups: &[Group],
         points: &[Option<Placed>],
     ) -> Vec<Seed> {
+        const WIDEST_SHARE: f64 = 0.5;
         let mut depths_mm: Vec<f64> = points.iter().flatten().map(|placed| placed.point.position_mm[2]).collect();
         depths_mm.sort_by(f64::total_cmp);
         let z_mm = depths_mm.get(depths_mm.len() / 2).copied().unwrap_or(self.instrument.focus_distance_mm());
+        let height_px = self.instrument.sensor.size_px[0].min(self.instrument.sensor.size_px[1]) as f64;
         let mut seeds = Vec::new();
         for (band, detection) in detections.iter().enumerate() {
             let mut is_shown = vec![false; detection.features.len()];
@@ -398,6 +400,10 @@ impl Reconstructor {
                 let image = self.instrument.sensor.image_from_pixel(feature.centre);
                 let m = self.model.magnification(band, z_mm);
                 let diameter_px = 2.0 * (feature.area_px / std::f64::consts::PI).sqrt();
+                // What fills the frame is no dot whose skirts could matter.
+                if diameter_px > WIDEST_SHARE * height_px {
+                    continue;
+                }
                 let mut contrast = vec![None; detections.len()];
                 contrast[band] = Some(signs[band] * probable_height_codes(feature));
                 seeds.push(Seed {

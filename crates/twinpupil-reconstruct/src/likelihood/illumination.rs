@@ -39,6 +39,11 @@ pub(crate) fn set_illumination(joint: &mut Joint<'_>, glance: &mut Glance) {
         let own: Vec<Option<Growth>> =
             (0..joint.bodies.len()).map(|index| own_growth(joint, index, band, glance)).collect();
         let field = Field::through(joint.bodies, &own, band);
+        let own: Vec<Option<Growth>> = own
+            .into_iter()
+            .enumerate()
+            .map(|(index, own)| ground_growth(joint, index, band, field.as_ref(), glance).or(own))
+            .collect();
         for (body, own) in joint.bodies.iter_mut().zip(own) {
             let Body { alive: true, bands, moved_sigmas, .. } = body else { continue };
             let Some(light) = &mut bands[band] else { continue };
@@ -114,6 +119,20 @@ fn own_growth(joint: &Joint<'_>, index: usize, band: usize, glance: &mut Glance)
     // Where nothing is flat, the fit tells whether it is worth while.
     let unexplained = light.normal.chi2 > UNEXPLAINED_CHI2 * light.normal.used as f64;
     if unexplained { modelled_growth(joint, index, band, glance) } else { None }
+}
+
+/// What the ground about a dark dot shows, where the light of the whole frame is uneven.
+fn ground_growth(
+    joint: &Joint<'_>,
+    index: usize,
+    band: usize,
+    field: Option<&Field>,
+    glance: &mut Glance,
+) -> Option<Growth> {
+    let body = &joint.bodies[index];
+    let light = body.bands[band].as_ref().filter(|light| body.alive && light.contrast < 0.0)?;
+    let is_uneven = field?.at(light.spot.centre_px).is_significant();
+    if is_uneven { modelled_growth(joint, index, band, glance) } else { None }
 }
 
 /// Pixels that a dot must fill to tell how the light grows.
