@@ -239,7 +239,7 @@ mod tests {
             let light = levels[(column / 100 + row / 100) % levels.len()];
             let sigma = (truth.variance(black_level + light) - ROUNDING_CODES2).sqrt();
             let code = black_level + light + sigma * rng.sample::<f64, _>(StandardNormal);
-            if index % 997 == 0 { 4095 } else { code.round().clamp(0.0, 4095.0) as u16 }
+            if index.is_multiple_of(997) { 4095 } else { code.round().clamp(0.0, 4095.0) as u16 }
         };
         let frame = Frame::new(600, 400, 4095, vec![(0..240_000).map(code).collect()]).expect("a frame");
         Noise::of_plane(&frame.plane(Mosaic::Mono, "0").expect("page 0"), stated)
