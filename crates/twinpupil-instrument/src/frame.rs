@@ -116,8 +116,80 @@ impl Frame {
 
     /// The pixels at a site, never interpolated.
     pub fn view(&self, site: Site) -> Result<PlaneView<'_>, FrameError> {
-        let missing = || FrameError::NoPage { page: site.page, pages: self.pages.len() };
-        let codes = self.pages.get(site.page).ok_or_else(missing)?;
+        FrameView::from(self).plane(site)
+    }
+}
+
+/// Codes of one exposure that lie somewhere else.
+#[derive(Debug, Clone, Copy)]
+pub struct FrameView<'a> {
+    width_px: usize,
+    height_px: usize,
+    code_max: u16,
+    pages: Pages<'a>,
+}
+
+#[derive(Debug, Clone, Copy)]
+enum Pages<'a> {
+    Apart(&'a [Vec<u16>]),
+    InOne(&'a [u16]),
+}
+
+impl<'a> From<&'a Frame> for FrameView<'a> {
+    fn from(frame: &'a Frame) -> Self {
+        let Frame { width_px, height_px, code_max, pages } = frame;
+        Self { width_px: *width_px, height_px: *height_px, code_max: *code_max, pages: Pages::Apart(pages) }
+    }
+}
+
+impl<'a> FrameView<'a> {
+    /// Codes as they lie in a camera's buffer: one page after the other, each row by row. Codes above `code_max` count as
+    /// saturated.
+    pub fn of_codes(width_px: usize, height_px: usize, code_max: u16, codes: &'a [u16]) -> Result<Self, FrameError> {
+        let pixels = width_px.checked_mul(height_px).unwrap_or(0);
+        if pixels == 0 || codes.is_empty() {
+            return Err(FrameError::Empty);
+        }
+        let page = codes.len() / pixels;
+        match codes.len() % pixels {
+            0 => Ok(Self { width_px, height_px, code_max, pages: Pages::InOne(codes) }),
+            found => Err(FrameError::WrongLength { page, found, width_px, height_px }),
+        }
+    }
+
+    /// Columns.
+    pub fn width_px(&self) -> usize {
+        self.width_px
+    }
+
+    /// Rows.
+    pub fn height_px(&self) -> usize {
+        self.height_px
+    }
+
+    /// The largest code; a pixel that reads it is saturated.
+    pub fn code_max(&self) -> u16 {
+        self.code_max
+    }
+
+    /// The pages, each row by row.
+    pub fn pages(&self) -> impl Iterator<Item = &'a [u16]> + use<'a> {
+        let Self { pages, .. } = *self;
+        let pixels = self.width_px * self.height_px;
+        (0..self.page_count()).filter_map(move |index| page(pages, index, pixels))
+    }
+
+    fn page_count(&self) -> usize {
+        match self.pages {
+            Pages::Apart(pages) => pages.len(),
+            Pages::InOne(codes) => codes.len() / (self.width_px * self.height_px),
+        }
+    }
+
+    /// The pixels at a site, never interpolated.
+    pub fn plane(&self, site: Site) -> Result<PlaneView<'a>, FrameError> {
+        let missing = || FrameError::NoPage { page: site.page, pages: self.page_count() };
+        let codes = page(self.pages, site.page, self.width_px * self.height_px).ok_or_else(missing)?;
         let [column, row] = site.origin_px;
         if self.width_px <= column || self.height_px <= row {
             return Err(FrameError::TooSmall { width_px: self.width_px, height_px: self.height_px });
@@ -131,6 +203,13 @@ impl Frame {
             rows: (self.height_px - row).div_ceil(site.step_px),
             code_max: self.code_max,
         })
+    }
+}
+
+fn page<'a>(pages: Pages<'a>, page: usize, pixels: usize) -> Option<&'a [u16]> {
+    match pages {
+        Pages::Apart(pages) => pages.get(page).map(Vec::as_slice),
+        Pages::InOne(codes) => codes.chunks_exact(pixels).nth(page),
     }
 }
 

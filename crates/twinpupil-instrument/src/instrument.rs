@@ -8,7 +8,7 @@ use thiserror::Error;
 
 use crate::check::{self, SyntaxError, ValueError, within};
 use crate::{
-    Aperture, Band, CrosstalkSpec, CubePlane, Frame, FrameError, Lens, Mosaic, PixelPoint, PlaneView, Projection,
+    Aperture, Band, CrosstalkSpec, CubePlane, FrameError, FrameView, Lens, Mosaic, PixelPoint, PlaneView, Projection,
     ResponseMatrix, Role, Sensor, Site, SpectraSpec,
 };
 
@@ -191,8 +191,8 @@ impl Instrument {
     }
 
     /// The pixels of one band of a frame, on their own sub-lattice and never interpolated.
-    pub fn plane<'f>(&self, frame: &'f Frame, band: &Band) -> Result<PlaneView<'f>, FrameError> {
-        frame.view(self.site(band))
+    pub fn plane<'f>(&self, frame: impl Into<FrameView<'f>>, band: &Band) -> Result<PlaneView<'f>, FrameError> {
+        frame.into().plane(self.site(band))
     }
 
     /// The planes of this camera's frames, by their names.

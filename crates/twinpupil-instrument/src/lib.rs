@@ -28,7 +28,7 @@ pub use aperture::{Annulus, Aperture, Zone};
 pub use band::{Band, Role};
 pub use crosstalk::CrosstalkSpec;
 pub use cube::CubePlane;
-pub use frame::{Frame, FrameError, PlaneView};
+pub use frame::{Frame, FrameError, FrameView, PlaneView};
 pub use geometry::{ImagePoint, PixelPoint};
 pub use instrument::{DepthRange, Instrument, InstrumentError, InstrumentSpec};
 pub use lens::{FresnelLens, GrooveSide, Lens, ThinLens};

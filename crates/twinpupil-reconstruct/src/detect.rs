@@ -3,7 +3,7 @@
 use twinpupil_instrument::{PixelPoint, PlaneView};
 
 use crate::background::{Polarity, quantile};
-use crate::centroid::{Centre, cartesian_means, radial_mean};
+use crate::centroid::{Bench, Centre, RadialMean, Shared};
 use crate::contrast::Contrast;
 use crate::lattice::{BLUR_MAX, Shape, off_lattice};
 use crate::lone::{Scatter, lone_mean};
@@ -15,7 +15,7 @@ use crate::scout::light::Light;
 use crate::scout::run::runs_of_row;
 use crate::scout::{Blob, Scout};
 use crate::shading::Shading;
-use crate::window::{Disc, Windows, overlapping};
+use crate::window::{Disc, Neighbours};
 
 /// How the centre of a feature is measured.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -105,13 +105,24 @@ pub fn detect(plane: &PlaneView<'_>, noise: Option<&Noise>, options: &DetectOpti
 /// Finds features in one plane after another and keeps its buffers, so that it allocates next to nothing once it is warm.
 #[derive(Debug, Clone, Default)]
 pub struct Detector {
-    options: DetectOptions,
+    pub(crate) options: DetectOptions,
     survey: Survey,
+    contrast: Contrast,
+    search: Search,
+    discs: Vec<Disc>,
+    neighbours: Neighbours,
+    centres: Vec<Option<Centre>>,
+    bench: Bench,
+}
+
+/// What features are searched with, and those that were found.
+#[derive(Debug, Clone, Default)]
+struct Search {
     scout: Scout,
     blobs: Vec<Blob>,
-    contrast: Contrast,
     relief: Relief,
     line: Vec<f32>,
+    masks: Vec<u16>,
 }
 
 /// Features that stand out by less than so many standard deviations of a pixel are looked for on a smoothed plane.
@@ -143,24 +154,36 @@ impl Detector {
         shading: Option<&Shading>,
         detection: &mut Detection,
     ) {
-        let Self { options, survey, scout, blobs, contrast, relief, line } = self;
+        let Self { options, survey, contrast, search, discs, neighbours, centres, bench } = self;
         let ground = Ground::survey(plane, options.polarity, noise, shading, survey);
         let background_noise =
             Noise { floor_codes2: f64::from(ground.pixel_noise).powi(2), slope_codes: 0.0, black_level: 0.0 };
         let black = noise.map_or(0.0, |noise| noise.black_level);
         let noise = noise.unwrap_or(&background_noise);
         let mut field = Field { contrast, plane, ground: &ground, black, shading, filled: false };
-        find(&mut field, options, scout, blobs, relief, line);
-        let discs: Vec<Disc> = blobs.iter().map(disc).collect();
-        let neighbours = overlapping(&discs);
-        let measure = Measure { plane, ground: &ground, noise, options, scout };
-        let overlapped: Vec<bool> = neighbours.iter().map(|near| !near.is_empty()).collect();
-        let centres: Vec<Option<Centre>> = match options.estimator {
-            Estimator::Rough => blobs.iter().map(|blob| Some(measure.rough_centre(blob))).collect(),
-            Estimator::Cartesian => measure.cartesian_centres(&mut field, blobs, &discs, neighbours, line),
-            Estimator::Radial { axis } => measure.radial_centres(field.contrast(), &discs, neighbours, axis),
+        find(&mut field, options, survey, search);
+        let Search { scout, blobs, line, .. } = search;
+        discs.clear();
+        discs.extend(blobs.iter().map(disc));
+        neighbours.find(discs);
+        let measure = Measure { plane, ground: &ground, options, scout, blobs };
+        let shared = Shared {
+            light: field.light(),
+            scatter: Scatter::on(&ground, noise),
+            noise: ground.pixel_noise,
+            discs,
+            neighbours,
         };
-        measure.judge(blobs, &centres, &overlapped, detection);
+        centres.clear();
+        centres.resize(blobs.len(), None);
+        match options.estimator {
+            Estimator::Rough => {
+                centres.iter_mut().zip(&*blobs).for_each(|(centre, blob)| *centre = Some(measure.rough_centre(blob)));
+            }
+            Estimator::Cartesian => measure.cartesian_centres(&shared, bench, line, centres),
+            Estimator::Radial { axis } => measure.radial_centres(&shared, bench, line, axis, centres),
+        }
+        measure.judge(centres, neighbours, line, detection);
     }
 }
 
@@ -201,22 +224,21 @@ impl Field<'_> {
 fn find(
     field: &mut Field<'_>,
     options: &DetectOptions,
-    scout: &mut Scout,
-    blobs: &mut Vec<Blob>,
-    relief: &mut Relief,
-    line: &mut Vec<f32>,
+    survey: &Survey,
+    Search { scout, blobs, relief, line, masks }: &mut Search,
 ) {
     const SPARE_SIGMAS: f32 = 1.0;
-    // Where features are large, every other row tells enough.
-    const LARGE: usize = 15;
-    const COARSE: usize = 2;
+    // Where features are large, some of their rows tell enough.
+    const ROWS: usize = 7;
+    const STEP_MAX: usize = 4;
     let noise = field.ground.pixel_noise;
     let sigmas = options.significance_min as f32;
     let (significant, clear) = (sigmas * noise, CLEAR_SIGMAS * noise);
     let floor = |typical: f32, noise: f32| (0.5 * options.relative_contrast_min as f32 * typical).max(noise);
     let light = field.light();
-    let mut typical = typical_height(&light, significant, line);
-    let step = if typical > 0.0 && median_run(&light, 0.5 * typical) >= LARGE { COARSE } else { 1 };
+    let mut typical = typical_height(&light, survey, significant, line);
+    let rows = if typical > 0.0 { median_run(&light, survey, 0.5 * typical, masks) } else { 0 };
+    let step = (rows / ROWS).clamp(1, STEP_MAX);
     // Few features may have been missed by the samples.
     if typical == 0.0 || typical >= clear {
         scout.find(&light, step, floor(typical, significant + SPARE_SIGMAS * noise), blobs);
@@ -231,29 +253,23 @@ fn find(
         scout.find(&smooth, step, floor(typical, BINOMIAL_GAIN * significant), blobs);
     }
     blobs.retain(|blob| blob.height > significant);
-    blobs.sort_by(|a, b| a.centre[1].total_cmp(&b.centre[1]).then(a.centre[0].total_cmp(&b.centre[0])));
+    blobs.sort_unstable_by(|a, b| a.centre[1].total_cmp(&b.centre[1]).then(a.centre[0].total_cmp(&b.centre[0])));
 }
 
-/// Rows from one sample to the next.
-const STRIDE: usize = 16;
-
 /// How high features rise, from samples of what stands out; 0 if none does.
-fn typical_height(light: &Light<'_>, significant: f32, line: &mut Vec<f32>) -> f32 {
-    const ALONG: usize = 9;
+fn typical_height(light: &Light<'_>, survey: &Survey, significant: f32, line: &mut Vec<f32>) -> f32 {
     line.clear();
-    for row in (STRIDE / 2..light.rows()).step_by(STRIDE) {
-        let columns = (row % ALONG..light.columns()).step_by(ALONG);
-        line.extend(columns.map(|column| light.at(column, row)).filter(|contrast| *contrast > significant));
-    }
+    let contrasts = survey.places().iter().map(|[column, row]| light.at(*column as usize, *row as usize));
+    line.extend(contrasts.filter(|contrast| *contrast > significant));
     quantile(line, 0.9)
 }
 
-/// Median length of the runs of pixels above a level along some rows; 0 without any.
-fn median_run(light: &Light<'_>, level: f32) -> usize {
+/// Median length of the runs of pixels above a level along the rows of a survey; 0 without any.
+fn median_run(light: &Light<'_>, survey: &Survey, level: f32, masks: &mut Vec<u16>) -> usize {
     const LONGEST: usize = 64;
-    let (mut counts, mut masks, mut runs) = ([0_usize; LONGEST + 1], Vec::new(), 0);
-    for row in (STRIDE / 2..light.rows()).step_by(STRIDE) {
-        runs_of_row(light.against(row, level), &mut masks, |first, end| {
+    let (mut counts, mut runs) = ([0_usize; LONGEST + 1], 0);
+    for row in survey.rows() {
+        runs_of_row(light.against(row, level), masks, |first, end| {
             counts[(end - first).min(LONGEST)] += 1;
             runs += 1;
         });
@@ -277,9 +293,9 @@ fn disc(blob: &Blob) -> Disc {
 struct Measure<'a> {
     plane: &'a PlaneView<'a>,
     ground: &'a Ground,
-    noise: &'a Noise,
     options: &'a DetectOptions,
     scout: &'a Scout,
+    blobs: &'a [Blob],
 }
 
 impl Measure<'_> {
@@ -293,81 +309,87 @@ impl Measure<'_> {
     /// Centroids of all light: one by one where features stand alone, else together.
     fn cartesian_centres(
         &self,
-        field: &mut Field<'_>,
-        blobs: &[Blob],
-        discs: &[Disc],
-        neighbours: Vec<Vec<u32>>,
+        shared: &Shared<'_>,
+        bench: &mut Bench,
         line: &mut Vec<f32>,
-    ) -> Vec<Option<Centre>> {
+        centres: &mut [Option<Centre>],
+    ) {
         let pixel_width = 1.0 / self.plane.step_px as f64;
-        let settled = |blob: &Blob, centre: Centre, shape: &dyn Fn() -> Shape| {
-            if blob.edge > 2.0 * BLUR_MAX {
-                return centre;
+        self.means(shared, bench, line, |feature, centre, shape| {
+            let sharp = shape.filter(|_| self.blobs[feature].edge <= 2.0 * BLUR_MAX);
+            let position = sharp.map_or(centre.position, |shape| off_lattice(&shape, centre.position, pixel_width));
+            centres[feature] = Some(Centre { position, ..centre });
+        });
+    }
+
+    /// Calls `found` with the centroid of every feature and its shape, where it has light.
+    fn means(
+        &self,
+        shared: &Shared<'_>,
+        bench: &mut Bench,
+        line: &mut Vec<f32>,
+        mut found: impl FnMut(usize, Centre, Option<Shape>),
+    ) {
+        for (feature, disc) in shared.discs.iter().enumerate().filter(|(k, _)| shared.neighbours.is_alone(*k)) {
+            if let Some((centre, shape)) = lone_mean(&shared.light, shared.scatter, disc, line) {
+                found(feature, centre, Some(shape));
             }
-            Centre { position: off_lattice(&shape(), centre.position, pixel_width), ..centre }
-        };
-        let (scatter, light) = (Scatter::on(self.ground, self.noise), field.light());
-        let mut centres: Vec<Option<Centre>> = vec![None; blobs.len()];
-        for ((centre, near), (blob, disc)) in centres.iter_mut().zip(&neighbours).zip(blobs.iter().zip(discs)) {
-            if near.is_empty() {
-                *centre =
-                    lone_mean(&light, scatter, disc, line).map(|(centre, shape)| settled(blob, centre, &|| shape));
-            }
         }
-        if neighbours.iter().all(Vec::is_empty) {
-            return centres;
-        }
-        let contrast = field.contrast();
-        let shared: Vec<bool> = neighbours.iter().map(|near| !near.is_empty()).collect();
-        let mut windows = Windows::new(contrast, discs, neighbours);
-        let together = cartesian_means(&mut windows, contrast, self.noise, |feature| shared[feature]);
-        for (feature, centre) in together.into_iter().enumerate().filter(|(feature, _)| shared[*feature]) {
-            let shape = || Shape::of_shared_light(&windows, contrast, self.noise, feature);
-            centres[feature] = centre.map(|centre| settled(&blobs[feature], centre, &shape));
-        }
-        centres
+        shared.means(bench, found);
     }
 
     /// The paper's centres.
     fn radial_centres(
         &self,
-        contrast: &Contrast,
-        discs: &[Disc],
-        neighbours: Vec<Vec<u32>>,
+        shared: &Shared<'_>,
+        bench: &mut Bench,
+        line: &mut Vec<f32>,
         axis: PixelPoint,
-    ) -> Vec<Option<Centre>> {
-        let mut windows = Windows::new(contrast, discs, neighbours);
-        let centres = cartesian_means(&mut windows, contrast, self.noise, |_| true);
+        centres: &mut [Option<Centre>],
+    ) {
+        self.means(shared, bench, line, |feature, centre, _| centres[feature] = Some(centre));
         let step = self.plane.step_px as f64;
         let origin = self.plane.origin_px.map(|o| o as f64);
         let axis = [(axis.u - origin[0]) / step, (axis.v - origin[1]) / step];
-        let radial = |(feature, centre): (usize, Option<Centre>)| {
-            let centre = centre?;
-            let [radius, azimuth] = radial_mean(&windows, feature, axis)?;
-            let position = [axis[0] + radius * azimuth.cos(), axis[1] + radius * azimuth.sin()];
-            Some(Centre { position, ..centre })
-        };
-        centres.into_iter().enumerate().map(radial).collect()
+        for (feature, place) in centres.iter_mut().enumerate() {
+            let Some(centre) = place else { continue };
+            let mut mean = RadialMean::default();
+            shared.for_each_row(feature, centre.position, bench, |row, first, own| {
+                mean.add([first as f64 - axis[0], row as f64 - axis[1]], own);
+            });
+            *place = mean.mean().map(|[radius, azimuth]| {
+                let position = [axis[0] + radius * azimuth.cos(), axis[1] + radius * azimuth.sin()];
+                Centre { position, ..*centre }
+            });
+        }
     }
 
     /// Makes features of blobs, or rejections.
-    fn judge(&self, blobs: &[Blob], centres: &[Option<Centre>], overlapped: &[bool], detection: &mut Detection) {
+    fn judge(
+        &self,
+        centres: &[Option<Centre>],
+        neighbours: &Neighbours,
+        line: &mut Vec<f32>,
+        detection: &mut Detection,
+    ) {
         let Detection { features, rejected, polarity, background_codes } = detection;
         (*polarity, *background_codes) = (self.ground.polarity, self.ground.level);
         features.clear();
         rejected.clear();
-        let mut heights: Vec<f32> = blobs.iter().map(|blob| blob.height).collect();
-        let height_min = self.options.relative_contrast_min as f32 * quantile(&mut heights, 0.9);
-        for ((blob, centre), overlapped) in blobs.iter().zip(centres).zip(overlapped) {
+        line.clear();
+        line.extend(self.blobs.iter().map(|blob| blob.height));
+        let height_min = self.options.relative_contrast_min as f32 * quantile(line, 0.9);
+        for ((index, blob), centre) in self.blobs.iter().enumerate().zip(centres) {
+            let overlapped = !neighbours.is_alone(index);
             match (self.flaw(blob, height_min), centre) {
-                (None, Some(centre)) => features.push(self.feature(blob, *centre, *overlapped)),
+                (None, Some(centre)) => features.push(self.feature(blob, *centre, overlapped)),
                 (flaw, _) => {
-                    let feature = self.feature(blob, self.rough_centre(blob), *overlapped);
+                    let feature = self.feature(blob, self.rough_centre(blob), overlapped);
                     rejected.push(Bystander { feature, reason: flaw.unwrap_or(RejectionReason::NoCentre) });
                 }
             }
         }
-        features.sort_by(|a, b| a.centre.v.total_cmp(&b.centre.v).then(a.centre.u.total_cmp(&b.centre.u)));
+        features.sort_unstable_by(|a, b| a.centre.v.total_cmp(&b.centre.v).then(a.centre.u.total_cmp(&b.centre.u)));
     }
 
     /// Why a blob cannot be measured, if so.
@@ -404,7 +426,7 @@ impl Measure<'_> {
         let (mut at_limit, mut pixels) = (0, 0);
         for (row, columns) in self.scout.runs_of(blob) {
             let line = self.plane.line(row)[columns.start * step..].iter().step_by(step);
-            at_limit += line.take(columns.len()).filter(|code| **code == code_max).count();
+            at_limit += line.take(columns.len()).filter(|code| **code >= code_max).count();
             pixels += columns.len();
         }
         50 * at_limit > pixels

@@ -1,12 +1,15 @@
 //! Flooding from the summits down: which pixels belong to which summit.
 
-/// Basins of a surface: every pixel above the floor belongs to one summit.
-#[derive(Debug, Clone)]
-pub(crate) struct Basins {
+/// Floods surfaces; its buffers are used again from one to the next.
+///
+/// Every pixel above the floor belongs to the basin of one summit.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Flood {
     /// Basin of every pixel, or [`NONE`].
-    pub(crate) labels: Vec<u32>,
-    /// Number of basins.
-    pub(crate) count: usize,
+    labels: Vec<u32>,
+    forest: Forest,
+    above: Vec<(u32, u8)>,
+    order: Vec<u32>,
 }
 
 /// Label of a pixel below the floor.
@@ -26,49 +29,60 @@ pub(crate) struct FloodRule {
 /// Levels into which values are sorted; finer steps do not change which summit a pixel flows to.
 const LEVELS: usize = 256;
 
-/// Divides `surface` (row by row) into basins. Pixels on its rim follow the pixel beside them.
-///
-/// Pixels are taken from the highest down. One without labelled neighbours opens a basin, one with a single basin
-/// beside it joins that, and where two meet they become one unless both stand out above the saddle (the *dynamics* of
-/// the lower summit).
-pub(crate) fn flood(surface: &[f32], columns: usize, rule: FloodRule) -> Basins {
-    let mut labels = vec![NONE; surface.len()];
-    let mut forest = Forest::default();
-    for index in from_the_highest(surface, columns, rule.floor) {
-        let index = index as usize;
-        let mut home = NONE;
-        let mut last = NONE;
-        let mut highest = (f32::NEG_INFINITY, NONE);
-        for line in [index - columns - 1, index - 1, index + columns - 1] {
-            let three: [u32; 3] = [labels[line], labels[line + 1], labels[line + 2]];
-            for (place, label) in (line..).zip(three) {
-                if label == NONE {
-                    continue;
-                }
-                if surface[place] > highest.0 {
-                    highest = (surface[place], label);
-                }
-                // Most neighbours carry the label of the one before.
-                if label == last {
-                    continue;
-                }
-                let basin = forest.root(label);
-                labels[place] = basin;
-                last = basin;
-                if home == NONE {
-                    home = basin;
-                } else if basin != home {
-                    home = forest.meet(home, basin, surface[index], rule);
+impl Flood {
+    /// Divides `surface` (row by row) into basins and returns their number. Pixels on its rim follow the pixel beside
+    /// them.
+    ///
+    /// Pixels are taken from the highest down. One without labelled neighbours opens a basin, one with a single basin
+    /// beside it joins that, and where two meet they become one unless both stand out above the saddle (the *dynamics*
+    /// of the lower summit).
+    pub(crate) fn divide(&mut self, surface: &[f32], columns: usize, rule: FloodRule) -> usize {
+        let Self { labels, forest, above, order } = self;
+        labels.clear();
+        labels.resize(surface.len(), NONE);
+        forest.clear();
+        sort_from_the_highest(surface, columns, rule.floor, above, order);
+        for index in order.iter().map(|index| *index as usize) {
+            let mut home = NONE;
+            let mut last = NONE;
+            let mut highest = (f32::NEG_INFINITY, NONE);
+            for line in [index - columns - 1, index - 1, index + columns - 1] {
+                let three: [u32; 3] = [labels[line], labels[line + 1], labels[line + 2]];
+                for (place, label) in (line..).zip(three) {
+                    if label == NONE {
+                        continue;
+                    }
+                    if surface[place] > highest.0 {
+                        highest = (surface[place], label);
+                    }
+                    // Most neighbours carry the label of the one before.
+                    if label == last {
+                        continue;
+                    }
+                    let basin = forest.root(label);
+                    labels[place] = basin;
+                    last = basin;
+                    if home == NONE {
+                        home = basin;
+                    } else if basin != home {
+                        home = forest.meet(home, basin, surface[index], rule);
+                    }
                 }
             }
+            // On a border the pixel belongs to where its highest neighbour does, or one basin would creep round the
+            // other.
+            let own = if home == NONE { forest.open(surface[index]) } else { forest.root(highest.1) };
+            forest.pixels[own as usize] += 1;
+            labels[index] = own;
         }
-        // On a border the pixel belongs to where its highest neighbour does, or one basin would creep round the other.
-        let own = if home == NONE { forest.open(surface[index]) } else { forest.root(highest.1) };
-        forest.pixels[own as usize] += 1;
-        labels[index] = own;
+        label_rim(labels, surface, columns, rule.floor);
+        forest.number(labels)
     }
-    label_rim(&mut labels, surface, columns, rule.floor);
-    forest.number(labels)
+
+    /// Basin of every pixel of the surface that was divided last, counted from 0, or [`NONE`].
+    pub(crate) fn labels(&self) -> &[u32] {
+        &self.labels
+    }
 }
 
 /// Gives the pixels on the rim the labels of their neighbours inside.
@@ -86,10 +100,16 @@ fn label_rim(labels: &mut [u32], surface: &[f32], columns: usize, floor: f32) {
 }
 
 /// Indices of the pixels above the floor and off the rim, highest first.
-fn from_the_highest(surface: &[f32], columns: usize, floor: f32) -> Vec<u32> {
+fn sort_from_the_highest(
+    surface: &[f32],
+    columns: usize,
+    floor: f32,
+    above: &mut Vec<(u32, u8)>,
+    order: &mut Vec<u32>,
+) {
     let highest = surface.iter().copied().fold(floor, f32::max);
     let scale = (LEVELS - 1) as f32 / (highest - floor);
-    let mut above: Vec<(u32, u8)> = Vec::new();
+    above.clear();
     let mut starts = [0_u32; LEVELS + 1];
     for row in 1..(surface.len() / columns).saturating_sub(1) {
         let first = row * columns + 1;
@@ -105,24 +125,33 @@ fn from_the_highest(surface: &[f32], columns: usize, floor: f32) -> Vec<u32> {
     for k in 0..LEVELS {
         starts[k + 1] += starts[k];
     }
-    let mut order = vec![0; above.len()];
+    order.clear();
+    order.resize(above.len(), 0);
     for (index, depth) in above {
-        let place = &mut starts[usize::from(depth)];
-        order[*place as usize] = index;
+        let place = &mut starts[usize::from(*depth)];
+        order[*place as usize] = *index;
         *place += 1;
     }
-    order
 }
 
 /// Basins while they grow, as a union–find forest.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 struct Forest {
     parent: Vec<u32>,
     summit: Vec<f32>,
     pixels: Vec<u32>,
+    /// Final number of every basin.
+    numbers: Vec<u32>,
 }
 
 impl Forest {
+    fn clear(&mut self) {
+        self.parent.clear();
+        self.summit.clear();
+        self.pixels.clear();
+        self.numbers.clear();
+    }
+
     fn open(&mut self, summit: f32) -> u32 {
         let basin = self.parent.len() as u32;
         self.parent.push(basin);
@@ -153,19 +182,19 @@ impl Forest {
         high
     }
 
-    /// Final labels 0, 1, … in the order in which pixels name them.
-    fn number(mut self, mut labels: Vec<u32>) -> Basins {
-        let mut numbers = vec![NONE; self.parent.len()];
+    /// Makes labels final, 0, 1, … in the order in which pixels name them, and returns their number.
+    fn number(&mut self, labels: &mut [u32]) -> usize {
+        self.numbers.resize(self.parent.len(), NONE);
         let mut count = 0;
         for label in labels.iter_mut().filter(|label| **label != NONE) {
             let root = self.root(*label) as usize;
-            if numbers[root] == NONE {
-                numbers[root] = count;
+            if self.numbers[root] == NONE {
+                self.numbers[root] = count;
                 count += 1;
             }
-            *label = numbers[root];
+            *label = self.numbers[root];
         }
-        Basins { labels, count: count as usize }
+        count as usize
     }
 }
 
@@ -175,25 +204,32 @@ mod tests {
 
     const RULE: FloodRule = FloodRule { floor: 0.5, saddle: 0.7, pixels_min: 1 };
 
+    /// Number of basins, and their labels, of a surface.
+    fn flood(surface: &[f32], columns: usize, rule: FloodRule) -> (usize, Vec<u32>) {
+        let mut flood = Flood::default();
+        // What was flooded before leaves no trace.
+        flood.divide(&[1.0; 64], 8, rule);
+        let count = flood.divide(surface, columns, rule);
+        (count, flood.labels().to_vec())
+    }
+
     /// Floods a line of values in a surface whose rim is empty.
-    fn flood_line(line: &[f32], rule: FloodRule) -> Basins {
+    fn flood_line(line: &[f32], rule: FloodRule) -> (usize, Vec<u32>) {
         let columns = line.len() + 2;
         let mut surface = vec![0.0; 3 * columns];
         surface[columns + 1..2 * columns - 1].copy_from_slice(line);
-        let basins = flood(&surface, columns, rule);
-        Basins { labels: basins.labels[columns + 1..2 * columns - 1].to_vec(), ..basins }
+        let (count, labels) = flood(&surface, columns, rule);
+        (count, labels[columns + 1..2 * columns - 1].to_vec())
     }
 
     #[test]
     fn two_peaks_with_a_deep_saddle_stay_apart() {
-        let basins = flood_line(&[4.0, 9.0, 4.0, 8.0, 3.0], RULE);
-        assert_eq!((basins.count, basins.labels), (2, vec![0, 0, 0, 1, 1]));
+        assert_eq!(flood_line(&[4.0, 9.0, 4.0, 8.0, 3.0], RULE), (2, vec![0, 0, 0, 1, 1]));
     }
 
     #[test]
     fn two_peaks_with_a_high_saddle_are_one() {
-        let basins = flood_line(&[1.0, 9.0, 7.0, 8.0, 1.0], RULE);
-        assert_eq!((basins.count, basins.labels), (1, vec![0; 5]));
+        assert_eq!(flood_line(&[1.0, 9.0, 7.0, 8.0, 1.0], RULE), (1, vec![0; 5]));
     }
 
     #[test]
@@ -206,28 +242,27 @@ mod tests {
                 cone(u, v, 20.0, 12.0).max(cone(u, v, 38.0, 11.0)) as f32
             })
             .collect();
-        let basins = flood(&surface, 60, RULE);
-        assert_eq!(basins.count, 2);
-        let lower = basins.labels[38 * 60 + 30];
+        let (count, labels) = flood(&surface, 60, RULE);
+        assert_eq!(count, 2);
+        let lower = labels[38 * 60 + 30];
         let crept = (32..60).flat_map(|row| (0..60).map(move |column| row * 60 + column));
-        assert!(crept.map(|index| basins.labels[index]).all(|label| label == NONE || label == lower));
+        assert!(crept.map(|index| labels[index]).all(|label| label == NONE || label == lower));
     }
 
     #[test]
     fn a_speck_is_no_summit() {
-        let basins = flood_line(&[9.0, 9.0, 9.0, 2.0, 5.0, 2.0], FloodRule { pixels_min: 2, ..RULE });
-        assert_eq!(basins.count, 1);
+        assert_eq!(flood_line(&[9.0, 9.0, 9.0, 2.0, 5.0, 2.0], FloodRule { pixels_min: 2, ..RULE }).0, 1);
     }
 
     #[test]
     fn diagonal_pixels_touch() {
         let surface = [0.0, 0.0, 0.0, 0.0, 0.0, 5.0, 0.0, 0.0, 0.0, 0.0, 5.0, 0.0, 0.0, 0.0, 0.0, 0.0];
-        assert_eq!(flood(&surface, 4, RULE).count, 1);
+        assert_eq!(flood(&surface, 4, RULE).0, 1);
     }
 
     #[test]
     fn nothing_above_the_floor_is_no_basin() {
-        assert_eq!(flood(&[0.1; 9], 3, RULE).count, 0);
-        assert_eq!(flood(&[5.0; 4], 2, RULE).count, 0);
+        assert_eq!(flood(&[0.1; 9], 3, RULE).0, 0);
+        assert_eq!(flood(&[5.0; 4], 2, RULE).0, 0);
     }
 }

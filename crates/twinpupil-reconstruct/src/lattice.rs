@@ -5,10 +5,6 @@
 //! the feature's outline, so it is computed for an ellipse of the feature's own second moments and edge width, and
 //! taken off. (It is a control variate: whatever of the feature the ellipse does not describe stays in the centroid.)
 
-use crate::contrast::Contrast;
-use crate::noise::Noise;
-use crate::window::Windows;
-
 /// An evenly lit ellipse with an edge, in pixels of the plane.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Ellipse {
@@ -32,24 +28,6 @@ pub(crate) struct Shape {
     pub(crate) second: [f64; 3],
 }
 
-impl Shape {
-    /// Of a window whose light is shared, pixel by pixel.
-    pub(crate) fn of_shared_light(windows: &Windows<'_>, contrast: &Contrast, noise: &Noise, feature: usize) -> Self {
-        let [c0, r0] = windows.centres[feature];
-        let mut shape = Self::default();
-        windows.for_each_pixel(feature, |pixel| {
-            let (dc, dr) = (pixel.column - c0, pixel.row - r0);
-            shape.light += pixel.signal;
-            shape.squares += pixel.signal * pixel.signal;
-            shape.scatter += pixel.share * pixel.share * noise.variance(contrast.code(pixel.contrast));
-            shape.second[0] += dc * dc * pixel.signal;
-            shape.second[1] += dc * dr * pixel.signal;
-            shape.second[2] += dr * dr * pixel.signal;
-        });
-        shape
-    }
-}
-
 /// Moves a centroid by what the lattice does to it, to the centroid of the light between the pixels too.
 ///
 /// `pixel_width` is the side of a pixel in units of the lattice: 1/2 on a Bayer mosaic.
@@ -58,13 +36,14 @@ pub(crate) fn off_lattice(shape: &Shape, centre: [f64; 2], pixel_width: f64) -> 
     let Some(ellipse) = Ellipse::of(shape, pixel_width).filter(|ellipse| ellipse.blur <= BLUR_MAX) else {
         return centre;
     };
+    let sway = ellipse.sway(pixel_width);
     let settled = |shift: [f64; 2]| [centre[0] - shift[0], centre[1] - shift[1]];
     // The jump as it is at the centroid, and if that is not small, as it is where the feature then seems to be.
-    let shift = ellipse.lattice_shift(centre, pixel_width);
+    let shift = sway.at(centre);
     if shift[0].abs().max(shift[1].abs()) < SMALL {
         return settled(shift);
     }
-    settled(ellipse.lattice_shift(settled(shift), pixel_width))
+    settled(sway.at(settled(shift)))
 }
 
 impl Ellipse {
@@ -101,26 +80,54 @@ impl Ellipse {
     /// F(k)  = 2 J₁(q)/q · sinc(k₁ w/2) sinc(k₂ w/2) · 2 J₁(|k| b)/(|k| b)          q = √(kᵀ S k)
     /// ```
     ///
-    /// for pixels of width w and a blur of radius b. Only the ellipse's own factor changes fast enough with k for its
+    /// for pixels of width w and a blur of radius b. The waves are those at their crests, sin(G·c) = 1. Only the ellipse's own factor changes fast enough with k for its
     /// slope to matter: d(2 J₁(q)/q)/dq = −2 J₂(q)/q.
-    fn lattice_shift(&self, centre: [f64; 2], pixel_width: f64) -> [f64; 2] {
+    fn sway(&self, pixel_width: f64) -> Sway {
         let [cc, cr, rr] = self.matrix;
-        let turns = centre.map(|coordinate| (std::f64::consts::TAU * coordinate.fract()).sin_cos());
-        let mut shift = [0.0; 2];
-        for [m, n] in WAVES {
+        // Of the orders 0, 1 and 3, and of the waves whose squared lengths are 1, 2, 9 and 10 turns.
+        let seen = [0.0, 1.0, 3.0].map(|order| sinc(std::f64::consts::PI * order * pixel_width));
+        let blurred =
+            [1.0_f64, 2.0, 9.0, 10.0].map(|turns2| bessel_1_over(self.blur * std::f64::consts::TAU * turns2.sqrt()));
+        let pull = |[m, n]: [i32; 2]| {
             let [k1, k2] = [m, n].map(|order| std::f64::consts::TAU * f64::from(order));
-            let seen = sinc(0.5 * k1 * pixel_width) * sinc(0.5 * k2 * pixel_width);
-            if seen.abs() < 1e-9 {
-                continue;
+            let through = seen[place(m.unsigned_abs())] * seen[place(n.unsigned_abs())];
+            if through.abs() < 1e-9 {
+                return [0.0; 2];
             }
             let pull = [cc * k1 + cr * k2, cr * k1 + rr * k2];
-            let q = (k1 * pull[0] + k2 * pull[1]).sqrt();
-            let blurred = bessel_1_over(self.blur * (k1 * k1 + k2 * k2).sqrt());
+            let q2 = k1 * pull[0] + k2 * pull[1];
+            let blurred = match m * m + n * n {
+                1 => blurred[0],
+                2 => blurred[1],
+                9 => blurred[2],
+                _ => blurred[3],
+            };
+            let size = -4.0 * bessel_2(q2.sqrt()) / q2 * through * blurred;
+            pull.map(|pull| size * pull)
+        };
+        Sway { pulls: WAVES.map(pull) }
+    }
+}
+
+/// Place of an order among 0, 1 and 3.
+fn place(order: u32) -> usize {
+    order.min(2) as usize
+}
+
+/// How the centroid moves against the centre wherever on the lattice that lies: what every wave adds at its crest.
+struct Sway {
+    pulls: [[f64; 2]; WAVES.len()],
+}
+
+impl Sway {
+    /// The move at a centre.
+    fn at(&self, centre: [f64; 2]) -> [f64; 2] {
+        let turns = centre.map(|coordinate| (std::f64::consts::TAU * coordinate.fract()).sin_cos());
+        let mut shift = [0.0; 2];
+        for ([m, n], pull) in WAVES.into_iter().zip(&self.pulls) {
             let ((sin_1, cos_1), (sin_2, cos_2)) = (multiple(turns[0], m), multiple(turns[1], n));
             let wave = sin_1 * cos_2 + cos_1 * sin_2;
-            let size = -4.0 * wave * bessel_2(q) / (q * q) * seen * blurred;
-            shift[0] += size * pull[0];
-            shift[1] += size * pull[1];
+            shift = [shift[0] + wave * pull[0], shift[1] + wave * pull[1]];
         }
         shift
     }
@@ -164,7 +171,8 @@ fn bessel_1_over(x: f64) -> f64 {
 
 /// Semi-axes of the ellipse with a matrix.
 fn semi_axes(cc: f64, cr: f64, rr: f64) -> (f64, f64) {
-    let (mean, difference) = (0.5 * (cc + rr), (0.5 * (cc - rr)).hypot(cr));
+    let half = 0.5 * (cc - rr);
+    let (mean, difference) = (0.5 * (cc + rr), (half * half + cr * cr).sqrt());
     ((mean + difference).sqrt(), (mean - difference).max(0.0).sqrt())
 }
 
@@ -207,7 +215,7 @@ mod tests {
     fn the_jump_of_a_sharp_disc_is_foreseen() {
         let (centre, radius) = ([29.37, 30.21], 21.7);
         let ellipse = Ellipse { matrix: [radius * radius, 0.0, radius * radius], blur: 0.0 };
-        let shift = ellipse.lattice_shift(centre, 0.5);
+        let shift = ellipse.sway(0.5).at(centre);
         let sampled = sampled_centroid(centre, radius, 0.5);
         for axis in 0..2 {
             let jump = sampled[axis] - centre[axis];

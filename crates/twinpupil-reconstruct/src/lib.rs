@@ -27,6 +27,7 @@ mod noise;
 mod pipeline;
 mod planes;
 mod position;
+mod quantile;
 mod register;
 mod rejection;
 mod relief;

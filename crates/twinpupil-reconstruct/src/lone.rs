@@ -8,7 +8,7 @@ use crate::noise::Noise;
 use crate::scout::ground::Ground;
 use crate::scout::light::Light;
 use crate::scout::row::{Moments, Sums};
-use crate::window::Disc;
+use crate::window::{Disc, Span, Window};
 
 /// Variance of a pixel over its contrast, which is linear: that of moments then needs nothing but moments.
 #[derive(Debug, Clone, Copy)]
@@ -24,11 +24,21 @@ impl Scatter {
         let variance = noise.variance(ground.level);
         Self { ground: variance, growth: noise.variance(ground.level + side) - variance }
     }
+
+    /// Variance of the light of so many pixels.
+    pub(crate) fn of_light(&self, pixels: f64, light: f64) -> f64 {
+        (self.ground * pixels + self.growth * light).max(0.0)
+    }
+
+    /// Variance of a first moment, from the squared distances of all pixels and the light's own second moment.
+    pub(crate) fn of_moment(&self, places: f64, second: f64) -> f64 {
+        (self.ground * places + self.growth * second).max(0.0)
+    }
 }
 
 /// Centroid of all light in a feature's window, and the shape of it; `None` where there is no light.
 ///
-/// A window that leaves the plane is trimmed on its far side too, so that it stays symmetric, and moved until it rests.
+/// A window that leaves the plane is moved until it rests.
 pub(crate) fn lone_mean(
     light: &Light<'_>,
     scatter: Scatter,
@@ -40,75 +50,69 @@ pub(crate) fn lone_mean(
     let mut centre = disc.centre;
     let mut found = None;
     for _ in 0..ROUNDS {
-        let window = Window::about(light, centre, disc.radius)?;
-        let (mean, shape) = window.mean(light, scatter, line)?;
+        let window = Window::about([light.columns(), light.rows()], centre, disc.radius)?;
+        let (mean, shape) = Content::of(light, window, line).mean(scatter)?;
         let step = (mean.position[0] - centre[0]).hypot(mean.position[1] - centre[1]);
         centre = mean.position;
         found = Some((mean, shape));
-        if !window.trimmed || step < RESTING {
+        if !window.trimmed() || step < RESTING {
             break;
         }
     }
     found
 }
 
-/// A round window, cut off alike on both sides where it leaves the plane.
-struct Window {
-    centre: [f64; 2],
-    radius: f64,
-    half_width: f64,
-    half_height: f64,
-    trimmed: bool,
+/// What a window holds, summed about its centre.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Content {
+    pub(crate) window: Window,
+    pub(crate) sums: Sums,
+    /// Number of pixels, and their squared distances from the centre along columns and rows.
+    pub(crate) pixels: f64,
+    pub(crate) places: [f64; 2],
 }
 
-impl Window {
-    fn about(light: &Light<'_>, centre: [f64; 2], radius: f64) -> Option<Self> {
-        let last = [light.columns(), light.rows()].map(|count| (count - 1) as f64);
-        // Half sides that keep both a pixel and its mirror image inside.
-        let half = |axis: usize| radius.min(centre[axis]).min(last[axis] - centre[axis]);
-        let (half_width, half_height) = (half(0), half(1));
-        let trimmed = half_width < radius || half_height < radius;
-        (half_width >= 0.0 && half_height >= 0.0).then_some(Self { centre, radius, half_width, half_height, trimmed })
-    }
-
-    /// Centroid of the light in the window, and its shape.
-    fn mean(&self, light: &Light<'_>, scatter: Scatter, line: &mut Vec<f32>) -> Option<(Centre, Shape)> {
-        let [c0, r0] = self.centre;
+impl Content {
+    /// All light of a window.
+    pub(crate) fn of(light: &Light<'_>, window: Window, line: &mut Vec<f32>) -> Self {
+        let [c0, r0] = window.centre;
         let mut moments = Moments::default();
-        // Number of pixels, and their squared distances from the centre along columns and rows.
         let (mut pixels, mut places) = (0.0, [0.0; 2]);
-        for row in (r0 - self.half_height).ceil() as usize..=(r0 + self.half_height).floor() as usize {
-            let dr = row as f64 - r0;
-            let chord = (self.radius * self.radius - dr * dr).max(0.0).sqrt().min(self.half_width);
-            let (first, end) = ((c0 - chord).ceil() as usize, (c0 + chord).floor() as usize + 1);
-            if end <= first {
-                continue;
-            }
+        for Span { row, first, end } in window.spans() {
             line.resize(end - first, 0.0);
             light.read(row, first, line);
-            let (shift, count) = (first as f64 - c0, line.len() as f64);
-            let [p1, p2] = [0.5 * count * (count - 1.0), count * (count - 1.0) * (2.0 * count - 1.0) / 6.0];
-            pixels += count;
-            places[0] += p2 + 2.0 * shift * p1 + shift * shift * count;
-            places[1] += dr * dr * count;
+            let (shift, dr) = (first as f64 - c0, row as f64 - r0);
+            let squares = squares_of_places(shift, dr, line.len());
+            pixels += line.len() as f64;
+            places = [places[0] + squares[0], places[1] + squares[1]];
             moments.add(line, [shift, dr]);
         }
-        let Sums { light, squares, first, second } = moments.sums();
+        Self { window, sums: moments.sums(), pixels, places }
+    }
+
+    /// Its centroid and shape; `None` without light.
+    pub(crate) fn mean(&self, scatter: Scatter) -> Option<(Centre, Shape)> {
+        let Window { centre: [c0, r0], half_width, half_height, .. } = self.window;
+        let Sums { light, squares, first, second } = self.sums;
         if light.is_nan() || light <= 0.0 {
             return None;
         }
         let inside = |axis: usize, half: f64| (first[axis] / light).abs() <= half;
-        if !(inside(0, self.half_width) && inside(1, self.half_height)) {
+        if !(inside(0, half_width) && inside(1, half_height)) {
             return None;
         }
-        let std = |axis: usize| {
-            let own = if axis == 0 { second[0] } else { second[2] };
-            (scatter.ground * places[axis] + scatter.growth * own).max(0.0).sqrt() / light
-        };
+        let std = [0, 1].map(|axis| scatter.of_moment(self.places[axis], second[2 * axis]).sqrt() / light);
         let position = [c0 + first[0] / light, r0 + first[1] / light];
-        let scatter = scatter.ground * pixels + scatter.growth * light;
-        Some((Centre { position, std: [std(0), std(1)] }, Shape { light, squares, scatter, second }))
+        let scatter = scatter.of_light(self.pixels, light);
+        Some((Centre { position, std }, Shape { light, squares, scatter, second }))
     }
+}
+
+/// Squared distances along and across of so many pixels of a row, summed; the first lies at `[along, across]`.
+pub(crate) fn squares_of_places(along: f64, across: f64, count: usize) -> [f64; 2] {
+    let n = count as f64;
+    let [p1, p2] = [0.5 * n * (n - 1.0), n * (n - 1.0) * (2.0 * n - 1.0) / 6.0];
+    [p2 + 2.0 * along * p1 + along * along * n, across * across * n]
 }
 
 #[cfg(test)]

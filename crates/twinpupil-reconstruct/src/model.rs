@@ -2,9 +2,10 @@
 
 use std::sync::OnceLock;
 
+use multiversion::multiversion;
 use twinpupil_instrument::{Chief, ImagePoint, Instrument, Projection, ResponseTable};
 
-use crate::response::{Local, Response};
+use crate::response::{Local, Response, Slice};
 
 /// First-order projections of all bands, and how the lens departs from them. The telecentric band comes first, then the
 /// entocentric one, then the others, if there are any.
@@ -120,23 +121,7 @@ impl Model {
         // Where the light changes evenly over the disc four points are as good as many.
         let uneven = response.is_some_and(|response| response.bends_within(r_mm, 0.5 * disc.diameter_mm));
         let nodes = if uneven { uneven_nodes() } else { &EVEN_NODES };
-        let at_distance = |z_mm: f64| (projection.chief(z_mm), response.map(|response| response.slice(z_mm)));
-        let (mut level, tilted) = (at_distance(centre_mm[2]), disc.slopes != [0.0; 2]);
-        let mut mean = Mean::default();
-        for (offset_mm, share) in disc.places(nodes) {
-            let [x_mm, y_mm, z_mm] = std::array::from_fn(|axis| centre_mm[axis] + offset_mm[axis]);
-            if tilted {
-                level = at_distance(z_mm);
-            }
-            let (chief, slice) = &level;
-            let r_mm = (x_mm * x_mm + y_mm * y_mm).sqrt();
-            let local = slice.map_or(Local::IDEAL, |slice| slice.at(r_mm));
-            let across = x_mm * disc.slopes[0] + y_mm * disc.slopes[1];
-            let area = share * chief.magnification * (chief.magnification + chief.magnification_slope * across);
-            let inverse = if r_mm > 0.0 { 1.0 / r_mm } else { 0.0 };
-            let towards = [x_mm * inverse, y_mm * inverse];
-            mean.add(area, local, towards, point_image(projection, chief, [x_mm, y_mm], towards, &local));
-        }
+        let mean = mean_over(nodes, projection, response, centre_mm, disc);
         if mean.light > 0.0 {
             DiscImage { uneven, ..mean.settled() }
         } else {
@@ -145,42 +130,168 @@ impl Model {
     }
 }
 
-/// Image of a point and its slopes: the first-order image moved along its own radius.
-#[inline]
-fn point_image(
-    projection: &Projection,
-    chief: &Chief,
-    [x_mm, y_mm]: [f64; 2],
-    towards: [f64; 2],
-    local: &Local,
-) -> ([f64; 2], [[f64; 3]; 2]) {
-    let [cx, cy] = projection.pupil_centre_mm;
-    let m = chief.magnification;
-    let q = [m * x_mm + chief.shift * cx, m * y_mm + chief.shift * cy];
-    let q_slopes = [
-        chief.magnification_slope * x_mm + chief.shift_slope * cx,
-        chief.magnification_slope * y_mm + chief.shift_slope * cy,
-    ];
-    let radius_mm = (q[0] * q[0] + q[1] * q[1]).sqrt();
-    let inverse = if radius_mm > 0.0 { 1.0 / radius_mm } else { 0.0 };
-    let (unit, turn) = ([q[0] * inverse, q[1] * inverse], local.radial_deviation_mm * inverse);
-    let scale = 1.0 + turn;
-    let [by_r, by_z] = local.deviation_slopes;
-    // How much farther out the deviation takes the image, less what the turn of the radius already does.
-    let outward = [
-        by_r * towards[0] - turn * m * unit[0],
-        by_r * towards[1] - turn * m * unit[1],
-        by_z - turn * (q_slopes[0] * unit[0] + q_slopes[1] * unit[1]),
-    ];
-    let slopes = [
-        [m * scale + unit[0] * outward[0], unit[0] * outward[1], q_slopes[0] * scale + unit[0] * outward[2]],
-        [unit[1] * outward[0], m * scale + unit[1] * outward[1], q_slopes[1] * scale + unit[1] * outward[2]],
-    ];
-    ([q[0] * scale, q[1] * scale], slopes)
+/// Points of a disc, side by side.
+const LANES: usize = 4;
+
+/// One number of each.
+type Lanes = [f64; LANES];
+
+/// What chief rays and lens do at some points of a disc.
+struct Levels {
+    magnification: Lanes,
+    magnification_slope: Lanes,
+    shift: Lanes,
+    shift_slope: Lanes,
+    throughput: Lanes,
+    deviation_mm: Lanes,
+    throughput_slopes: [Lanes; 2],
+    deviation_slopes: [Lanes; 2],
 }
 
-/// The mean over a disc of its points' images, weighted by their light, while it is summed.
-#[derive(Debug, Clone, Copy, Default)]
+/// Sums over the points of a disc.
+#[multiversion(targets("x86_64+avx2+fma"))]
+fn mean_over(
+    nodes: &[Nodes],
+    projection: &Projection,
+    response: Option<&Response>,
+    centre_mm: [f64; 3],
+    disc: &Disc,
+) -> Mean {
+    let axes = disc.axes();
+    let [cx, cy] = projection.pupil_centre_mm;
+    let level = Level::at(projection, response, centre_mm[2]);
+    let mut sums = [[0.0_f64; LANES]; 12];
+    for Nodes { places: [u, v], shares } in nodes {
+        let (mut x, mut y, mut z, mut r) = ([0.0; LANES], [0.0; LANES], [0.0; LANES], [0.0; LANES]);
+        for k in 0..LANES {
+            x[k] = centre_mm[0] + u[k] * axes.along_mm[0] + v[k] * axes.across_mm[0];
+            y[k] = centre_mm[1] + u[k] * axes.along_mm[1] + v[k] * axes.across_mm[1];
+            z[k] = centre_mm[2] + u[k] * axes.along_mm[2];
+            r[k] = (x[k] * x[k] + y[k] * y[k]).sqrt();
+        }
+        let at = match disc.slopes == [0.0; 2] {
+            true => Levels::even(&level, &r),
+            false => Levels::tilted(projection, response, &r, &z),
+        };
+        for k in 0..LANES {
+            let (m, m_z, s, s_z) = (at.magnification[k], at.magnification_slope[k], at.shift[k], at.shift_slope[k]);
+            let inverse_r = 1.0 / (r[k] + TINY);
+            let towards = [x[k] * inverse_r, y[k] * inverse_r];
+            // The image and its slopes: the first-order image q, moved along its own radius.
+            let q = [m * x[k] + s * cx, m * y[k] + s * cy];
+            let q_z = [m_z * x[k] + s_z * cx, m_z * y[k] + s_z * cy];
+            let inverse_q = 1.0 / ((q[0] * q[0] + q[1] * q[1]).sqrt() + TINY);
+            let (unit, turn) = ([q[0] * inverse_q, q[1] * inverse_q], at.deviation_mm[k] * inverse_q);
+            let scale = 1.0 + turn;
+            let [by_r, by_z] = [at.deviation_slopes[0][k], at.deviation_slopes[1][k]];
+            // How much farther out the deviation takes the image, less what the turn of the radius already does.
+            let outward = [
+                by_r * towards[0] - turn * m * unit[0],
+                by_r * towards[1] - turn * m * unit[1],
+                by_z - turn * (q_z[0] * unit[0] + q_z[1] * unit[1]),
+            ];
+            let image = [q[0] * scale, q[1] * scale];
+            // The light, and what it adds to the slopes of the moments.
+            let across = x[k] * disc.slopes[0] + y[k] * disc.slopes[1];
+            let area = shares[k] * m * (m + m_z * across);
+            let light = area * at.throughput[k];
+            let by_r = area * at.throughput_slopes[0][k];
+            let light_slopes = [by_r * towards[0], by_r * towards[1], area * at.throughput_slopes[1][k]];
+            sums[0][k] += light;
+            sums[1][k] += light_slopes[0];
+            sums[2][k] += light_slopes[1];
+            sums[3][k] += light_slopes[2];
+            sums[4][k] += light * image[0];
+            sums[5][k] += light * image[1];
+            sums[6][k] += light * (m * scale + unit[0] * outward[0]) + light_slopes[0] * image[0];
+            sums[7][k] += light * (unit[0] * outward[1]) + light_slopes[1] * image[0];
+            sums[8][k] += light * (q_z[0] * scale + unit[0] * outward[2]) + light_slopes[2] * image[0];
+            sums[9][k] += light * (unit[1] * outward[0]) + light_slopes[0] * image[1];
+            sums[10][k] += light * (m * scale + unit[1] * outward[1]) + light_slopes[1] * image[1];
+            sums[11][k] += light * (q_z[1] * scale + unit[1] * outward[2]) + light_slopes[2] * image[1];
+        }
+    }
+    let [light, lx, ly, lz, mx, my, xx, xy, xz, yx, yy, yz] = sums.map(|lanes| lanes.iter().sum::<f64>());
+    Mean { light, light_slopes: [lx, ly, lz], moment: [mx, my], moment_slopes: [[xx, xy, xz], [yx, yy, yz]] }
+}
+
+impl Levels {
+    /// At one distance and several radii.
+    #[inline(always)]
+    fn even(level: &Level<'_>, r_mm: &Lanes) -> Self {
+        let mut levels = Self::of(&level.chief);
+        if let Some(slice) = &level.slice {
+            for (lane, r_mm) in r_mm.iter().enumerate() {
+                levels.set_response(lane, &slice.at(*r_mm));
+            }
+        }
+        levels
+    }
+
+    /// At several distances and radii.
+    #[inline(always)]
+    fn tilted(projection: &Projection, response: Option<&Response>, r_mm: &Lanes, z_mm: &Lanes) -> Self {
+        let mut levels = Self::of(&projection.chief(z_mm[0]));
+        for (lane, z_mm) in z_mm.iter().enumerate() {
+            let chief = projection.chief(*z_mm);
+            levels.magnification[lane] = chief.magnification;
+            levels.magnification_slope[lane] = chief.magnification_slope;
+            levels.shift[lane] = chief.shift;
+            levels.shift_slope[lane] = chief.shift_slope;
+        }
+        if let Some(response) = response {
+            for (lane, (r_mm, z_mm)) in r_mm.iter().zip(z_mm).enumerate() {
+                levels.set_response(lane, &response.slice(*z_mm).at(*r_mm));
+            }
+        }
+        levels
+    }
+
+    /// The same chief rays everywhere, behind an ideal lens.
+    #[inline(always)]
+    fn of(chief: &Chief) -> Self {
+        Self {
+            magnification: [chief.magnification; LANES],
+            magnification_slope: [chief.magnification_slope; LANES],
+            shift: [chief.shift; LANES],
+            shift_slope: [chief.shift_slope; LANES],
+            throughput: [1.0; LANES],
+            deviation_mm: [0.0; LANES],
+            throughput_slopes: [[0.0; LANES]; 2],
+            deviation_slopes: [[0.0; LANES]; 2],
+        }
+    }
+
+    #[inline(always)]
+    fn set_response(&mut self, lane: usize, local: &Local) {
+        self.throughput[lane] = local.throughput;
+        self.deviation_mm[lane] = local.radial_deviation_mm;
+        for axis in 0..2 {
+            self.throughput_slopes[axis][lane] = local.throughput_slopes[axis];
+            self.deviation_slopes[axis][lane] = local.deviation_slopes[axis];
+        }
+    }
+}
+
+/// Distances that are none, mm.
+const TINY: f64 = 1e-12;
+
+/// What chief rays and lens do at one distance.
+#[derive(Clone, Copy)]
+struct Level<'a> {
+    chief: Chief,
+    slice: Option<Slice<'a>>,
+}
+
+impl<'a> Level<'a> {
+    #[inline(always)]
+    fn at(projection: &Projection, response: Option<&'a Response>, z_mm: f64) -> Self {
+        Self { chief: projection.chief(z_mm), slice: response.map(|response| response.slice(z_mm)) }
+    }
+}
+
+/// Sums over a disc of its points' images, weighted by their light.
+#[derive(Debug, Clone, Copy)]
 struct Mean {
     light: f64,
     light_slopes: [f64; 3],
@@ -189,23 +300,6 @@ struct Mean {
 }
 
 impl Mean {
-    #[inline]
-    fn add(&mut self, area: f64, local: Local, towards: [f64; 2], (image, slopes): ([f64; 2], [[f64; 3]; 2])) {
-        let light = area * local.throughput;
-        let [by_r, by_z] = local.throughput_slopes.map(|slope| area * slope);
-        let light_slopes = [by_r * towards[0], by_r * towards[1], by_z];
-        self.light += light;
-        for axis in 0..3 {
-            self.light_slopes[axis] += light_slopes[axis];
-        }
-        for k in 0..2 {
-            self.moment[k] += light * image[k];
-            for axis in 0..3 {
-                self.moment_slopes[k][axis] += light * slopes[k][axis] + light_slopes[axis] * image[k];
-            }
-        }
-    }
-
     fn settled(&self) -> DiscImage {
         let inverse = 1.0 / self.light;
         let mean = self.moment.map(|moment| moment * inverse);
@@ -227,46 +321,53 @@ pub(crate) struct Disc {
     pub(crate) slopes: [f64; 2],
 }
 
-/// A point that stands for a part of the unit disc, and that part's share of its area.
-type Node = ([f64; 2], f64);
+/// Points that each stand for a part of the unit disc, and those parts' shares of its area.
+struct Nodes {
+    places: [Lanes; 2],
+    shares: Lanes,
+}
+
+/// Axes in the surface of a disc, as long as its radius, mm.
+struct Axes {
+    along_mm: [f64; 3],
+    across_mm: [f64; 2],
+}
 
 impl Disc {
-    /// Points spread over the disc as `nodes` are over the unit disc, relative to its centre, mm. Their second moments
-    /// are the disc's.
-    fn places(&self, nodes: &'static [Node]) -> impl Iterator<Item = ([f64; 3], f64)> + use<> {
+    /// Along the steepest slope, where the disc is foreshortened, and across it.
+    #[inline]
+    fn axes(&self) -> Axes {
         let [sx, sy] = self.slopes;
-        // Two unit vectors in the surface: along the steepest slope, where the disc is foreshortened, and across it.
         let steepest = (sx * sx + sy * sy).sqrt();
         let (ux, uy) = if steepest > 0.0 { (sx / steepest, sy / steepest) } else { (1.0, 0.0) };
-        let cos_tilt = 1.0 / (1.0 + steepest * steepest).sqrt();
         let radius_mm = 0.5 * self.diameter_mm;
-        nodes.iter().map(move |([u, v], share)| {
-            let (along, across) = (radius_mm * u * cos_tilt, radius_mm * v);
-            ([along * ux - across * uy, along * uy + across * ux, along * steepest], *share)
-        })
+        let along_mm = radius_mm / (1.0 + steepest * steepest).sqrt();
+        Axes {
+            along_mm: [along_mm * ux, along_mm * uy, along_mm * steepest],
+            across_mm: [-radius_mm * uy, radius_mm * ux],
+        }
     }
 }
 
 /// Four points that stand for the unit disc: the mean over them is that over the disc of every cubic function.
-const EVEN_NODES: [Node; 4] = {
+const EVEN_NODES: [Nodes; 1] = {
     let half = std::f64::consts::FRAC_1_SQRT_2;
-    [([half, 0.0], 0.25), ([0.0, half], 0.25), ([-half, 0.0], 0.25), ([0.0, -half], 0.25)]
+    [Nodes { places: [[half, 0.0, -half, 0.0], [0.0, half, 0.0, -half]], shares: [0.25; LANES] }]
 };
 
 /// Points for where the light changes unevenly: three rings, by Gauss and Legendre in the square of the radius.
-fn uneven_nodes() -> &'static [Node] {
+fn uneven_nodes() -> &'static [Nodes] {
     const SPOKES: usize = 8;
-    static NODES: OnceLock<Vec<Node>> = OnceLock::new();
+    static NODES: OnceLock<Vec<Nodes>> = OnceLock::new();
     NODES.get_or_init(|| {
         let off = 0.5 * 0.6_f64.sqrt();
         let rings = [(0.5 - off, 5.0 / 18.0, 0.5), (0.5, 8.0 / 18.0, 0.0), (0.5 + off, 5.0 / 18.0, 0.5)];
-        let ring = |(radius2, share, turn): (f64, f64, f64)| {
-            (0..SPOKES).map(move |spoke| {
-                let (sin, cos) = (std::f64::consts::TAU * (spoke as f64 + turn) / SPOKES as f64).sin_cos();
-                ([radius2.sqrt() * cos, radius2.sqrt() * sin], share / SPOKES as f64)
-            })
+        let part = |(radius2, share, turn): (f64, f64, f64), first: usize| {
+            let angle = |k: usize| std::f64::consts::TAU * ((first + k) as f64 + turn) / SPOKES as f64;
+            let along = |of: fn(f64) -> f64| std::array::from_fn(|k| radius2.sqrt() * of(angle(k)));
+            Nodes { places: [along(f64::cos), along(f64::sin)], shares: [share / SPOKES as f64; LANES] }
         };
-        rings.into_iter().flat_map(ring).collect()
+        rings.into_iter().flat_map(|ring| [part(ring, 0), part(ring, LANES)]).collect()
     })
 }
 

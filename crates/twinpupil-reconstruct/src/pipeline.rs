@@ -1,10 +1,11 @@
 //! The whole way from a frame to points, as in Section 3 of the paper: planes, features, pairs, positions.
 
-use std::sync::OnceLock;
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
+use smallvec::SmallVec;
 use thiserror::Error;
 use twinpupil_instrument::{
-    Band, Frame, FrameError, Instrument, PixelPoint, PlaneView, ResponseMatrix, ResponseTable, Role,
+    Band, Frame, FrameError, FrameView, Instrument, PixelPoint, PlaneView, ResponseMatrix, ResponseTable, Role,
 };
 
 use crate::background::Polarity;
@@ -124,6 +125,11 @@ struct Placed {
 }
 
 impl Placed {
+    /// Whether the largest code hides how bright it is.
+    fn is_saturated(&self) -> bool {
+        self.point.telecentric.saturated || self.point.entocentric.saturated
+    }
+
     /// The feature that shows it in a band of the model.
     fn feature(&self, band: usize) -> Option<&Feature> {
         match band {
@@ -189,7 +195,31 @@ struct Placing {
     sightings: Vec<Sighting>,
 }
 
+/// What one frame is read with, and what was read; used again from frame to frame.
+#[derive(Debug, Clone, Default)]
+struct Reading {
+    /// For every band of the model.
+    detectors: Vec<Detector>,
+    detections: Vec<Detection>,
+    placing: Placing,
+    fitting: Fitting,
+    points: Vec<Point>,
+}
+
+/// What points are fitted to pixels with.
+#[derive(Debug, Clone, Default)]
+struct Fitting {
+    seeds: Vec<Seed>,
+    workspace: Workspace,
+    refined: Vec<Option<Refined>>,
+    depths_mm: Vec<f64>,
+    is_shown: Vec<bool>,
+}
+
 /// An instrument made ready to read frames.
+///
+/// [`Reconstructor::frame`] is for live use, on codes as they lie in a camera's buffer; once warm it allocates nothing.
+/// [`Reconstructor::reconstruct`] also tells what did not become a point, and many threads may call it at once.
 #[derive(Debug, Clone)]
 pub struct Reconstructor {
     instrument: Instrument,
@@ -199,6 +229,9 @@ pub struct Reconstructor {
     /// In the order of the model's bands.
     shadings: Vec<OnceLock<Shading>>,
     crosstalk: Option<Crosstalk>,
+    reading: Reading,
+    /// Of those who share it.
+    spare: Arc<Mutex<Vec<Reading>>>,
 }
 
 impl Reconstructor {
@@ -209,7 +242,16 @@ impl Reconstructor {
         let forward = ForwardModel::new(&instrument, table.as_ref(), &instrument.bands_by_role());
         let model = Model::new(&instrument, table);
         let shadings = vec![OnceLock::new(); model.bands()];
-        Self { instrument, model, forward, options, shadings, crosstalk: None }
+        Self {
+            instrument,
+            model,
+            forward,
+            options,
+            shadings,
+            crosstalk: None,
+            reading: Reading::default(),
+            spare: Arc::default(),
+        }
     }
 
     /// Takes the crosstalk between the planes off every frame before anything is measured.
@@ -218,26 +260,57 @@ impl Reconstructor {
         Self { crosstalk: Crosstalk::of(&self.instrument, response), ..self }
     }
 
-    /// Reads one frame.
-    pub fn frame(&self, frame: &Frame) -> Result<Reconstruction, ReconstructError> {
+    /// The points of one exposure, whose codes lie page by page and row by row as the sensor delivers them; by the row and
+    /// column of their telecentric features, until the next frame is read.
+    pub fn frame(&mut self, codes: &[u16]) -> Result<&[Point], ReconstructError> {
+        let [width_px, height_px] = self.instrument.sensor.size_px;
+        let frame = FrameView::of_codes(width_px, height_px, self.instrument.sensor.code_max(), codes)?;
+        let mut reading = std::mem::take(&mut self.reading);
+        let done = self.read(frame, &mut reading);
+        self.reading = reading;
+        done?;
+        let Reading { placing, points, .. } = &mut self.reading;
+        points.clear();
+        points.extend(placing.points.iter().flatten().map(|placed| placed.point));
+        Ok(points)
+    }
+
+    /// Reads one frame, and tells of all that is on it.
+    pub fn reconstruct(&self, frame: &Frame) -> Result<Reconstruction, ReconstructError> {
+        let mut reading = self.spares().pop().unwrap_or_default();
+        let done = self.read(frame.into(), &mut reading);
+        let reconstruction = done.map(|()| self.account(&reading.detections, &reading.placing));
+        self.spares().push(reading);
+        reconstruction
+    }
+
+    fn spares(&self) -> std::sync::MutexGuard<'_, Vec<Reading>> {
+        // What was left behind by a panic is only buffers.
+        self.spare.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn read(&self, frame: FrameView<'_>, reading: &mut Reading) -> Result<(), ReconstructError> {
         let found_px = [frame.width_px(), frame.height_px()];
         if found_px != self.instrument.sensor.size_px {
             return Err(ReconstructError::Size { found_px, sensor_px: self.instrument.sensor.size_px });
         }
+        let Reading { detectors, detections, placing, fitting, .. } = reading;
         let planes = self.planes(frame)?;
         // The paper knows of two bands.
         let bands = if self.options.mode == Mode::Paper { 2 } else { self.model.bands() };
-        let detections = (0..bands).map(|band| self.detect_plane(&planes, band)).collect::<Result<Vec<_>, _>>()?;
-        if self.options.mode != Mode::Model {
-            return Ok(self.points_from(&detections));
+        detectors.resize_with(bands, Detector::default);
+        detections.resize_with(bands, Detection::default);
+        for (band, (detector, detection)) in detectors.iter_mut().zip(&mut *detections).enumerate() {
+            self.detect_plane(&planes, band, detector, detection)?;
         }
-        self.check_registrations()?;
-        let mut placing = Placing::default();
-        self.placed(&detections, &mut placing);
-        let Placing { groups, points, .. } = placing;
-        let views = (0..bands).map(|band| planes.of_band(self.index(band))).collect::<Result<Vec<_>, _>>()?;
-        let refinement = self.refined(&views, &detections, &groups, points);
-        Ok(self.account(&detections, &groups, refinement))
+        self.placed(detections, placing);
+        if self.options.mode == Mode::Model {
+            self.check_registrations()?;
+            let views =
+                (0..bands).map(|band| planes.of_band(self.index(band))).collect::<Result<SmallVec<[_; 2]>, _>>()?;
+            self.refine(&views, detections, placing, fitting);
+        }
+        Ok(())
     }
 
     /// The fit of pixels knows sensors that are shifted against each other, not turned or scaled.
@@ -248,46 +321,30 @@ impl Reconstructor {
         }
     }
 
-    /// Points placed anew by what all pixels say.
-    fn refined(
+    /// Places points anew by what all pixels say.
+    fn refine(
         &self,
         planes: &[(PlaneView<'_>, Noise)],
         detections: &[Detection],
-        groups: &[Group],
-        mut points: Vec<Option<Placed>>,
-    ) -> Vec<Option<Placed>> {
-        let signs: Vec<f64> = detections
-            .iter()
-            .map(|detection| if detection.polarity == Polarity::Bright { 1.0 } else { -1.0 })
-            .collect();
-        let background: Vec<f64> = detections
-            .iter()
-            .zip(planes)
+        placing: &mut Placing,
+        fitting: &mut Fitting,
+    ) {
+        let background: SmallVec<[f64; 2]> = (detections.iter().zip(planes))
             .map(|(detection, (_, noise))| detection.background_codes - noise.black_level)
             .collect();
-        let pair = |placed: &Placed| [placed.point.telecentric, placed.point.entocentric];
-        let seed = |placed: &Placed| Seed {
-            centre_mm: placed.point.position_mm,
-            diameter_mm: placed.point.diameter_mm,
-            contrast: (0..planes.len())
-                .map(|band| placed.feature(band).map(|feature| signs[band] * probable_height_codes(feature)))
-                .collect(),
-            placed: true,
-            doubtful: pair(placed).iter().any(|feature| feature.overlapped || feature.saturated),
-            saturated: pair(placed).iter().any(|feature| feature.saturated),
-        };
-        let mut seeds: Vec<Seed> = points.iter().flatten().map(seed).collect();
-        let placed = seeds.len();
-        seeds.extend(self.lone_seeds(detections, &signs, groups, &points));
-        let mut refined = Vec::new();
-        self.forward.refine(planes, &seeds, &background, &mut Workspace::default(), &mut refined);
-        let mut refined = refined.into_iter().take(placed);
-        let mut is_other = vec![false; points.len()];
-        for (place, is_other) in points.iter_mut().zip(&mut is_other) {
-            let Some(point) = place else { continue };
-            let is_saturated = pair(point).iter().any(|feature| feature.saturated);
-            match refined.next().flatten().filter(|refined| refined.is_disc(is_saturated)) {
-                Some(refined) if !is_saturated || refined.tells_depth() => self.place(point, &refined),
+        fitting.seeds.clear();
+        fitting.seeds.extend(placing.points.iter().flatten().map(|placed| seed(placed, detections)));
+        self.add_lone_seeds(detections, placing, fitting);
+        let Fitting { seeds, workspace, refined, .. } = fitting;
+        self.forward.refine(planes, seeds, &background, workspace, refined);
+        let mut refined = refined.iter_mut();
+        let mut is_other = vec![false; placing.points.len()];
+        for (place, is_other) in placing.points.iter_mut().zip(&mut is_other) {
+            let Some(placed) = place else { continue };
+            let is_saturated = placed.is_saturated();
+            let disc = refined.next().and_then(Option::take).filter(|refined| refined.is_disc(is_saturated));
+            match disc {
+                Some(refined) if !is_saturated || refined.tells_depth() => self.place(placed, &refined),
                 // Moments would believe what the largest code hides.
                 _ if is_saturated => *place = None,
                 _ => *is_other = true,
@@ -296,9 +353,8 @@ impl Reconstructor {
         if is_other.contains(&true) {
             let detections: Vec<Detection> =
                 (0..planes.len()).map(|band| self.with_moments(band, &planes[band], &detections[band])).collect();
-            self.place_by_moments(&detections, groups, &mut points, &is_other);
+            self.place_by_moments(&detections, &placing.groups, &mut placing.points, &is_other);
         }
-        points
     }
 
     /// Features that were found before, with the centres of all their light.
@@ -375,26 +431,23 @@ impl Reconstructor {
             (t.x_mm * e.y_mm - t.y_mm * e.x_mm) / t.radius_mm().max(1e-12) / self.instrument.sensor.pitch_mm;
     }
 
-    /// Features of one band that became no point, as dots somewhere along the line of sight.
-    fn lone_seeds(
-        &self,
-        detections: &[Detection],
-        signs: &[f64],
-        groups: &[Group],
-        points: &[Option<Placed>],
-    ) -> Vec<Seed> {
+    /// Adds the features of one band that became no point, as dots somewhere along the line of sight.
+    fn add_lone_seeds(&self, detections: &[Detection], placing: &Placing, fitting: &mut Fitting) {
         const WIDEST_SHARE: f64 = 0.5;
-        let mut depths_mm: Vec<f64> = points.iter().flatten().map(|placed| placed.point.position_mm[2]).collect();
-        depths_mm.sort_by(f64::total_cmp);
-        let z_mm = depths_mm.get(depths_mm.len() / 2).copied().unwrap_or(self.instrument.focus_distance_mm());
+        let Fitting { seeds, depths_mm, is_shown, .. } = fitting;
         let height_px = self.instrument.sensor.size_px[0].min(self.instrument.sensor.size_px[1]) as f64;
-        let mut seeds = Vec::new();
+        depths_mm.clear();
+        depths_mm.extend(placing.points.iter().flatten().map(|placed| placed.point.position_mm[2]));
+        depths_mm.sort_unstable_by(f64::total_cmp);
+        let z_mm = depths_mm.get(depths_mm.len() / 2).copied().unwrap_or(self.instrument.focus_distance_mm());
         for (band, detection) in detections.iter().enumerate() {
-            let mut is_shown = vec![false; detection.features.len()];
-            for (group, _) in groups.iter().zip(points).filter(|(_, point)| point.is_some()) {
+            is_shown.clear();
+            is_shown.resize(detection.features.len(), false);
+            for (group, _) in placing.groups.iter().zip(&placing.points).filter(|(_, point)| point.is_some()) {
                 group.feature(band).into_iter().for_each(|index| is_shown[index] = true);
             }
-            let alone = detection.features.iter().zip(is_shown).filter(|(_, shown)| !shown).map(|(feature, _)| feature);
+            let shown = detection.features.iter().zip(&*is_shown);
+            let alone = shown.filter(|(_, shown)| !**shown).map(|(feature, _)| feature);
             let bystanders = detection.rejected.iter().map(|bystander| &bystander.feature);
             for feature in alone.chain(bystanders) {
                 let image = self.instrument.sensor.image_from_pixel(feature.centre);
@@ -404,8 +457,8 @@ impl Reconstructor {
                 if diameter_px > WIDEST_SHARE * height_px {
                     continue;
                 }
-                let mut contrast = vec![None; detections.len()];
-                contrast[band] = Some(signs[band] * probable_height_codes(feature));
+                let mut contrast = SmallVec::from_elem(None, detections.len());
+                contrast[band] = Some(sign(detection) * probable_height_codes(feature));
                 seeds.push(Seed {
                     centre_mm: [image.x_mm / m, image.y_mm / m, z_mm],
                     diameter_mm: (diameter_px * self.instrument.sensor.pitch_mm / m).max(1e-3),
@@ -416,7 +469,6 @@ impl Reconstructor {
                 });
             }
         }
-        seeds
     }
 
     /// Index in the instrument of a band of the model.
@@ -430,11 +482,11 @@ impl Reconstructor {
     }
 
     /// Pairs the features of the two bands, finds what the others show of the pairs, and places them: what
-    /// [`Reconstructor::frame`] does once it has detected. The telecentric and the entocentric band come first.
+    /// [`Reconstructor::reconstruct`] does once it has detected. The telecentric and the entocentric band come first.
     pub fn points_from(&self, detections: &[Detection]) -> Reconstruction {
         let mut placing = Placing::default();
         self.placed(detections, &mut placing);
-        self.account(detections, &placing.groups, placing.points)
+        self.account(detections, &placing)
     }
 
     /// The features of the band with a role.
@@ -444,18 +496,25 @@ impl Reconstructor {
 
     /// The features of a band, by its index in the instrument; none where there is no such band.
     pub fn detect_band(&self, frame: &Frame, index: usize) -> Result<Detection, FrameError> {
-        let planes = self.planes(frame)?;
-        match (0..self.model.bands()).find(|band| self.model.index(*band) == index) {
-            Some(band) => self.detect_plane(&planes, band),
-            None => Ok(Detection::default()),
+        let planes = self.planes(frame.into())?;
+        let mut detection = Detection::default();
+        if let Some(band) = (0..self.model.bands()).find(|band| self.model.index(*band) == index) {
+            self.detect_plane(&planes, band, &mut Detector::default(), &mut detection)?;
         }
+        Ok(detection)
     }
 
-    fn planes<'a>(&'a self, frame: &'a Frame) -> Result<Planes<'a>, FrameError> {
+    fn planes<'a>(&'a self, frame: FrameView<'a>) -> Result<Planes<'a>, FrameError> {
         Planes::of(&self.instrument, self.crosstalk.as_ref(), frame, self.options.noise)
     }
 
-    fn detect_plane(&self, planes: &Planes<'_>, band: usize) -> Result<Detection, FrameError> {
+    fn detect_plane(
+        &self,
+        planes: &Planes<'_>,
+        band: usize,
+        detector: &mut Detector,
+        detection: &mut Detection,
+    ) -> Result<(), FrameError> {
         let (plane, noise) = planes.of_band(self.index(band))?;
         let stated = self.band(band);
         let [u, v] = self.instrument.axis_px(stated);
@@ -464,11 +523,10 @@ impl Reconstructor {
             Mode::Centroid => Estimator::Cartesian,
             Mode::Model => Estimator::Rough,
         };
-        let options = DetectOptions { estimator, ..self.options.detect };
-        let mut detection = Detection::default();
-        Detector::new(options).detect_shaded(&plane, Some(&noise), self.shading(band, &plane), &mut detection);
-        onto_reference(&mut detection, &stated.registration);
-        Ok(detection)
+        detector.options = DetectOptions { estimator, ..self.options.detect };
+        detector.detect_shaded(&plane, Some(&noise), self.shading(band, &plane), detection);
+        onto_reference(detection, &stated.registration);
+        Ok(())
     }
 
     /// What the masks leave of an even ground, computed with the first frame; `None` without a response table, or for
@@ -480,11 +538,12 @@ impl Reconstructor {
     }
 
     /// Puts points together, and whatever is left into rejections.
-    fn account(&self, detections: &[Detection], groups: &[Group], points: Vec<Option<Placed>>) -> Reconstruction {
+    fn account(&self, detections: &[Detection], placing: &Placing) -> Reconstruction {
+        let Placing { groups, points, .. } = placing;
         let mut rejected = Vec::new();
         for (band, detection) in detections.iter().enumerate() {
             let mut fates = vec![Some(RejectionReason::NoPartner); detection.features.len()];
-            for (group, point) in groups.iter().zip(&points) {
+            for (group, point) in groups.iter().zip(points) {
                 let fate = if point.is_some() { None } else { Some(RejectionReason::NoDepth) };
                 group.feature(band).into_iter().for_each(|index| fates[index] = fate);
             }
@@ -501,12 +560,11 @@ impl Reconstructor {
             }));
         }
         let mut further = Vec::new();
-        let placed: Vec<Placed> = points.into_iter().flatten().collect();
-        for (point, placed) in placed.iter().enumerate() {
+        for (point, placed) in points.iter().flatten().enumerate() {
             let images = placed.further.iter().enumerate().filter_map(|(band, feature)| Some((band + 2, (*feature)?)));
             further.extend(images.map(|(band, feature)| FurtherImage { point, band: self.index(band), feature }));
         }
-        Reconstruction { points: placed.into_iter().map(|placed| placed.point).collect(), further, rejected }
+        Reconstruction { points: points.iter().flatten().map(|placed| placed.point).collect(), further, rejected }
     }
 
     /// The point of every pair; first by the pair alone and as if all features faced the camera, then with the tilt of
@@ -640,4 +698,25 @@ impl Reconstructor {
         });
         diameters_mm[0].max(diameters_mm[1])
     }
+}
+
+/// A point as the fit starts from it.
+fn seed(placed: &Placed, detections: &[Detection]) -> Seed {
+    let contrasts = detections
+        .iter()
+        .enumerate()
+        .map(|(band, detection)| placed.feature(band).map(|feature| sign(detection) * probable_height_codes(feature)));
+    Seed {
+        centre_mm: placed.point.position_mm,
+        diameter_mm: placed.point.diameter_mm,
+        contrast: contrasts.collect(),
+        placed: true,
+        doubtful: placed.point.telecentric.overlapped || placed.point.entocentric.overlapped || placed.is_saturated(),
+        saturated: placed.is_saturated(),
+    }
+}
+
+/// Of the contrasts of a plane's features.
+fn sign(detection: &Detection) -> f64 {
+    if detection.polarity == Polarity::Bright { 1.0 } else { -1.0 }
 }

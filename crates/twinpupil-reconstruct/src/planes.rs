@@ -1,8 +1,7 @@
 //! The planes of one frame, freed of crosstalk, with the noise of their codes.
 
-use std::borrow::Cow;
-
-use twinpupil_instrument::{Frame, FrameError, Instrument, PlaneView};
+use smallvec::SmallVec;
+use twinpupil_instrument::{Frame, FrameError, FrameView, Instrument, PlaneView};
 
 use crate::noise::{Noise, NoiseSource};
 use crate::unmix::Crosstalk;
@@ -10,9 +9,14 @@ use crate::unmix::Crosstalk;
 /// A frame without crosstalk.
 pub(crate) struct Planes<'a> {
     instrument: &'a Instrument,
-    frame: Cow<'a, Frame>,
+    codes: Codes<'a>,
     /// In the order of the instrument's bands.
-    noises: Vec<Noise>,
+    noises: SmallVec<[Noise; 4]>,
+}
+
+enum Codes<'a> {
+    AsRead(FrameView<'a>),
+    Unmixed(Frame),
 }
 
 impl<'a> Planes<'a> {
@@ -20,16 +24,20 @@ impl<'a> Planes<'a> {
     pub(crate) fn of(
         instrument: &'a Instrument,
         crosstalk: Option<&Crosstalk>,
-        frame: &'a Frame,
+        frame: FrameView<'a>,
         source: NoiseSource,
     ) -> Result<Self, FrameError> {
         let noise = Noise::of_sensor(&instrument.sensor, frame.code_max());
         let bands = 0..instrument.bands.len();
         let planes = match crosstalk {
-            None => Self { instrument, frame: Cow::Borrowed(frame), noises: vec![noise; instrument.bands.len()] },
+            None => Self {
+                instrument,
+                codes: Codes::AsRead(frame),
+                noises: SmallVec::from_elem(noise, instrument.bands.len()),
+            },
             Some(crosstalk) => Self {
                 instrument,
-                frame: Cow::Owned(crosstalk.unmixed(frame, instrument)?),
+                codes: Codes::Unmixed(crosstalk.unmixed(frame, instrument)?),
                 noises: bands.clone().map(|band| crosstalk.noise(band, noise)).collect(),
             },
         };
@@ -43,6 +51,10 @@ impl<'a> Planes<'a> {
 
     /// The plane of a band, by its index in the instrument.
     pub(crate) fn of_band(&self, band: usize) -> Result<(PlaneView<'_>, Noise), FrameError> {
-        Ok((self.instrument.plane(&self.frame, &self.instrument.bands[band])?, self.noises[band]))
+        let frame = match &self.codes {
+            Codes::AsRead(frame) => *frame,
+            Codes::Unmixed(frame) => frame.into(),
+        };
+        Ok((self.instrument.plane(frame, &self.instrument.bands[band])?, self.noises[band]))
     }
 }

@@ -36,12 +36,6 @@ pub(crate) struct Local {
     pub(crate) deviation_slopes: [f64; 2],
 }
 
-impl Local {
-    /// What an ideal lens does.
-    pub(crate) const IDEAL: Self =
-        Self { throughput: 1.0, radial_deviation_mm: 0.0, throughput_slopes: [0.0; 2], deviation_slopes: [0.0; 2] };
-}
-
 impl Response {
     /// Of a band of a table.
     pub(crate) fn of(table: &ResponseTable, band: usize) -> Self {
@@ -58,7 +52,7 @@ impl Response {
     }
 
     /// At a distance; outside the table as at its edge.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn slice(&self, z_mm: f64) -> Slice<'_> {
         let (k, share) = self.z_mm.locate(z_mm);
         let near = k * self.r_mm.count;
@@ -85,7 +79,7 @@ impl Response {
 
 impl Slice<'_> {
     /// At a radius, bilinear between nodes; outside the table as at its edge.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn at(&self, r_mm: f64) -> Local {
         let last = self.near.len() - 1;
         let place = ((r_mm - self.start_mm) * self.densities[0]).clamp(0.0, last as f64);

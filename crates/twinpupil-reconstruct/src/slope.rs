@@ -141,7 +141,7 @@ impl Plane {
         (xx, xy, yy) = (xx - x * sum[0], xy - x * sum[1], yy - y * sum[1]);
         (xz, yz) = (xz - x * sum[2], yz - y * sum[2]);
         let determinant = xx * yy - xy * xy;
-        if !(determinant > LINE * size) {
+        if determinant <= LINE * size || determinant.is_nan() {
             return None;
         }
         let slopes = [(yy * xz - xy * yz) / determinant, (xx * yz - xy * xz) / determinant];

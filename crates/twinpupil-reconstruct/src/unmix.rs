@@ -1,7 +1,9 @@
 //! Crosstalk: a plane sees a little of the other bands too. Where the response is known, it is taken off.
 
 use nalgebra::DMatrix;
-use twinpupil_instrument::{Frame, FrameError, Instrument, PixelPoint, PlaneView, Registration, ResponseMatrix};
+use twinpupil_instrument::{
+    Frame, FrameError, FrameView, Instrument, PixelPoint, PlaneView, Registration, ResponseMatrix,
+};
 
 use crate::noise::Noise;
 
@@ -75,11 +77,11 @@ impl Crosstalk {
     /// On a mosaic the other r_j lie between their planes' pixels and are interpolated; so they are between the pixels
     /// of another sensor. It is only a correction: what is measured stays on its own lattice. Saturated pixels stay
     /// saturated.
-    pub(crate) fn unmixed(&self, frame: &Frame, instrument: &Instrument) -> Result<Frame, FrameError> {
+    pub(crate) fn unmixed(&self, frame: FrameView<'_>, instrument: &Instrument) -> Result<Frame, FrameError> {
         let bands = &instrument.bands;
         let planes = bands.iter().map(|band| instrument.plane(frame, band)).collect::<Result<Vec<_>, _>>()?;
         let code_max = frame.code_max().saturating_add(PEDESTAL);
-        let mut pages = frame.pages().to_vec();
+        let mut pages: Vec<Vec<u16>> = frame.pages().map(<[u16]>::to_vec).collect();
         for (band, stated) in bands.iter().enumerate() {
             let own = Own { plane: &planes[band], weight: self.unmixing[(band, band)] };
             let others: Vec<Other<'_>> = (0..bands.len())
@@ -200,7 +202,7 @@ mod tests {
             (0..3).map(|k| rows[band][k] * light[k](u as f64, v as f64)).sum::<f64>().round() as u16
         };
         let frame = Frame::new(80, 60, 4095, vec![(0..80 * 60).map(code).collect()]).expect("a frame");
-        let unmixed = crosstalk(&instrument, &rows).unmixed(&frame, &instrument).expect("a frame");
+        let unmixed = crosstalk(&instrument, &rows).unmixed((&frame).into(), &instrument).expect("a frame");
         for (band, true_code) in instrument.bands.iter().zip(light) {
             let view = instrument.plane(&unmixed, band).expect("a Bayer frame");
             for (row, column) in (1..29).flat_map(|row| (1..39).map(move |column| (row, column))) {
@@ -253,7 +255,7 @@ mod tests {
         let mut page = || (0..200 * 200).map(|_| draw()).collect::<Vec<u16>>();
         let frame = Frame::new(200, 200, 4095, vec![page(), page(), page()]).expect("a frame");
         let crosstalk = crosstalk(&instrument, &rows);
-        let unmixed = crosstalk.unmixed(&frame, &instrument).expect("a frame");
+        let unmixed = crosstalk.unmixed((&frame).into(), &instrument).expect("a frame");
         let view = instrument.plane(&unmixed, &instrument.bands[0]).expect("a page");
         let codes: Vec<f64> = (0..200).flat_map(|row| view.row(row).map(f64::from).collect::<Vec<_>>()).collect();
         let mean = codes.iter().sum::<f64>() / codes.len() as f64;

@@ -1,167 +1,6 @@
-//! The light of one feature: a round window about its centre, with what belongs to its neighbours taken out.
+//! Where the light of a feature lies: a round window, and the features whose windows it overlaps.
 
-use std::ops::RangeInclusive;
-
-use crate::contrast::Contrast;
-
-/// Round windows about all features of a plane. Where windows overlap, each pixel's light is shared.
-#[derive(Debug)]
-pub(crate) struct Windows<'a> {
-    contrast: &'a Contrast,
-    /// Centres, pixels of the plane.
-    pub(crate) centres: Vec<[f64; 2]>,
-    /// Centres and extents of the features' outlines, which the windows' centres may not leave.
-    pub(crate) outlines: Vec<([f64; 2], f64)>,
-    radii: Vec<f64>,
-    /// For every feature, those whose windows overlap its own.
-    neighbours: Vec<Vec<u32>>,
-}
-
-/// One pixel of a window.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct WindowPixel {
-    pub(crate) column: f64,
-    pub(crate) row: f64,
-    /// Contrast that belongs to the feature, codes.
-    pub(crate) signal: f64,
-    /// The feature's share of the pixel's contrast.
-    pub(crate) share: f64,
-    /// Contrast of the pixel as read, codes.
-    pub(crate) contrast: f32,
-}
-
-impl<'a> Windows<'a> {
-    /// Windows about features that each have a centre, an extent and a radius that holds all their light, pixels of the
-    /// plane. `neighbours` are those that [`overlapping`] gives.
-    pub(crate) fn new(contrast: &'a Contrast, discs: &[Disc], mut neighbours: Vec<Vec<u32>>) -> Self {
-        let centres: Vec<[f64; 2]> = discs.iter().map(|disc| disc.centre).collect();
-        let outlines = discs.iter().map(|disc| (disc.centre, disc.extent)).collect();
-        let radii: Vec<f64> = discs.iter().map(|disc| disc.radius).collect();
-        for (feature, near) in neighbours.iter_mut().enumerate() {
-            keep_nearest(near, &centres, feature);
-        }
-        Self { contrast, centres, outlines, radii, neighbours }
-    }
-
-    /// Whether another feature's window overlaps this one's.
-    pub(crate) fn overlaps(&self, feature: usize) -> bool {
-        !self.neighbours[feature].is_empty()
-    }
-
-    /// Pixels of all windows that are shared, each as often as it has claimants.
-    pub(crate) fn shared_pixels(&self) -> f64 {
-        let area = |(near, radius): (&Vec<u32>, &f64)| near.len() as f64 * std::f64::consts::PI * radius * radius;
-        self.neighbours.iter().zip(&self.radii).map(area).sum()
-    }
-
-    /// Visits the pixels of a feature's window, each with the feature's share of its light.
-    pub(crate) fn for_each_pixel(&self, feature: usize, mut visit: impl FnMut(WindowPixel)) {
-        self.for_each_row(feature, |row, first, line| {
-            let claimed = self.claimed_columns(feature, row as f64);
-            for (column, &value) in (first..).zip(line) {
-                let (column, row) = (column as f64, row as f64);
-                let share = if claimed.contains(&column) { self.share(feature, column, row, value) } else { 1.0 };
-                visit(WindowPixel { column, row, signal: share * f64::from(value), share, contrast: value });
-            }
-        });
-    }
-
-    /// The columns of a row between which a neighbour's window may hold pixels.
-    fn claimed_columns(&self, feature: usize, row: f64) -> RangeInclusive<f64> {
-        let chord = |&other: &u32| {
-            let ([c, r], radius) = (self.centres[other as usize], self.radii[other as usize]);
-            let half = (radius * radius - (row - r).powi(2)).sqrt();
-            (half > 0.0).then_some((c - half, c + half))
-        };
-        let chords = self.neighbours[feature].iter().filter_map(chord);
-        let (first, last) =
-            chords.fold((f64::INFINITY, f64::NEG_INFINITY), |(first, last), (a, b)| (first.min(a), last.max(b)));
-        first..=last
-    }
-
-    /// Visits the rows of a feature's window: row, first column, contrasts.
-    ///
-    /// A window that leaves the plane is trimmed on its far side too, so that it stays symmetric.
-    pub(crate) fn for_each_row(&self, feature: usize, mut visit: impl FnMut(usize, usize, &[f32])) {
-        let contrast = self.contrast;
-        let ([column, row], radius) = (self.centres[feature], self.radii[feature]);
-        let (last_column, last_row) = ((contrast.columns - 1) as f64, (contrast.rows - 1) as f64);
-        // A half side that keeps both a pixel and its mirror image inside.
-        let half = |centre: f64, last: f64| radius.min(centre).min(last - centre);
-        let (half_width, half_height) = (half(column, last_column), half(row, last_row));
-        if half_width < 0.0 || half_height < 0.0 {
-            return;
-        }
-        for r in (row - half_height).ceil() as usize..=(row + half_height).floor() as usize {
-            let dy = r as f64 - row;
-            let chord = (radius * radius - dy * dy).max(0.0).sqrt().min(half_width);
-            let line = &contrast.signal[r * contrast.columns..(r + 1) * contrast.columns];
-            let (first, last) = ((column - chord).ceil() as usize, (column + chord).floor() as usize);
-            visit(r, first, &line[first..last + 1]);
-        }
-    }
-
-    /// The share of a pixel's light that belongs to a feature, from what each claimant shows on its far side.
-    fn share(&self, feature: usize, column: f64, row: f64, value: f32) -> f64 {
-        let others: f32 =
-            self.claimants(feature, [column, row]).map(|other| self.own_light(other, [column, row], value)).sum();
-        if others == 0.0 {
-            return 1.0;
-        }
-        let own = self.own_light(feature, [column, row], value);
-        f64::from(own / (own + others))
-    }
-
-    /// The neighbours of a feature whose windows hold a place.
-    fn claimants(&self, feature: usize, place: [f64; 2]) -> impl Iterator<Item = usize> {
-        self.neighbours[feature].iter().map(|&other| other as usize).filter(move |&other| {
-            let [c, r] = self.centres[other];
-            (place[0] - c).powi(2) + (place[1] - r).powi(2) < self.radii[other].powi(2)
-        })
-    }
-
-    /// A feature's own light at a place: no more than what is there, and no more than what its far side shows once the
-    /// feature's other neighbours are taken off there, since features are point symmetric and neighbours only add. At
-    /// least the noise, so that shares stay defined.
-    fn own_light(&self, feature: usize, place: [f64; 2], value: f32) -> f32 {
-        let mirrored = self.mirrored(feature, place);
-        let seen = self.contrast.at(mirrored[0], mirrored[1]);
-        let others: f32 =
-            self.claimants(feature, mirrored).map(|other| self.symmetric_light(other, mirrored, seen)).sum();
-        value.min(seen - others).max(0.4 * self.contrast.pixel_noise)
-    }
-
-    /// The light that a feature shows both at a place and on its far side.
-    fn symmetric_light(&self, feature: usize, place: [f64; 2], value: f32) -> f32 {
-        let mirrored = self.mirrored(feature, place);
-        value.min(self.contrast.at(mirrored[0], mirrored[1])).max(0.0)
-    }
-
-    /// The place on the far side of a feature's centre; where that lies outside the plane, the one beside it.
-    fn mirrored(&self, feature: usize, [column, row]: [f64; 2]) -> [f64; 2] {
-        let [c, r] = self.centres[feature];
-        let (across, along) = (2.0 * c - column, 2.0 * r - row);
-        let inside = |position: f64, count: usize| position >= 0.0 && position <= (count - 1) as f64;
-        [
-            if inside(across, self.contrast.columns) { across } else { column },
-            if inside(along, self.contrast.rows) { along } else { row },
-        ]
-    }
-}
-
-/// Neighbours that share light with a feature, at most.
-const NEIGHBOURS_MAX: usize = 6;
-
-/// Leaves out all but the nearest neighbours of a feature.
-fn keep_nearest(near: &mut Vec<u32>, centres: &[[f64; 2]], feature: usize) {
-    let [c, r] = centres[feature];
-    let distance2 = |other: &u32| {
-        let [oc, or] = centres[*other as usize];
-        (oc - c).powi(2) + (or - r).powi(2)
-    };
-    near.sort_by(|a, b| distance2(a).total_cmp(&distance2(b)).then(a.cmp(b)));
-    near.truncate(NEIGHBOURS_MAX);
-}
+use crate::cells::Cells;
 
 /// Where the light of a feature lies, pixels of the plane.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -173,25 +12,157 @@ pub(crate) struct Disc {
     pub(crate) radius: f64,
 }
 
-/// For every disc, the discs whose windows overlap its own.
-pub(crate) fn overlapping(discs: &[Disc]) -> Vec<Vec<u32>> {
-    let mut by_column: Vec<u32> = (0..discs.len() as u32).collect();
-    by_column.sort_by(|&a, &b| discs[a as usize].centre[0].total_cmp(&discs[b as usize].centre[0]));
-    let largest = discs.iter().map(|disc| disc.radius).fold(0.0, f64::max);
-    let mut neighbours = vec![Vec::new(); discs.len()];
-    for (k, &a) in by_column.iter().enumerate() {
-        let own = &discs[a as usize];
-        for &b in &by_column[k + 1..] {
-            let other = &discs[b as usize];
-            let (dx, dy) = (other.centre[0] - own.centre[0], other.centre[1] - own.centre[1]);
-            if dx > own.radius + largest {
-                break;
+impl Disc {
+    /// Columns of a row between which its window lies, if it reaches there.
+    #[inline]
+    pub(crate) fn chord(&self, row: f64) -> Option<[f64; 2]> {
+        let half2 = self.radius * self.radius - (row - self.centre[1]).powi(2);
+        (half2 > 0.0).then(|| {
+            let half = half2.sqrt();
+            [self.centre[0] - half, self.centre[0] + half]
+        })
+    }
+}
+
+/// A round window, cut off alike on both sides where it leaves the plane, so that it stays symmetric.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Window {
+    pub(crate) centre: [f64; 2],
+    radius: f64,
+    pub(crate) half_width: f64,
+    pub(crate) half_height: f64,
+}
+
+/// Pixels of a row.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Span {
+    pub(crate) row: usize,
+    /// First column, and the one behind the last.
+    pub(crate) first: usize,
+    pub(crate) end: usize,
+}
+
+impl Window {
+    /// Of a radius about a centre on a plane of so many columns and rows; `None` if the centre lies outside.
+    pub(crate) fn about(size: [usize; 2], centre: [f64; 2], radius: f64) -> Option<Self> {
+        let last = size.map(|count| (count - 1) as f64);
+        // Half sides that keep both a pixel and its mirror image inside.
+        let half = |axis: usize| radius.min(centre[axis]).min(last[axis] - centre[axis]);
+        let (half_width, half_height) = (half(0), half(1));
+        (half_width >= 0.0 && half_height >= 0.0).then_some(Self { centre, radius, half_width, half_height })
+    }
+
+    /// Whether it leaves the plane.
+    pub(crate) fn trimmed(&self) -> bool {
+        self.half_width < self.radius || self.half_height < self.radius
+    }
+
+    /// Its rows, from top to bottom.
+    pub(crate) fn spans(self) -> impl Iterator<Item = Span> {
+        let [c, r] = self.centre;
+        (round_up(r - self.half_height)..=(r + self.half_height) as usize).filter_map(move |row| {
+            let dr = row as f64 - r;
+            let chord = (self.radius * self.radius - dr * dr).max(0.0).sqrt().min(self.half_width);
+            let (first, end) = (round_up(c - chord), (c + chord) as usize + 1);
+            (end > first).then_some(Span { row, first, end })
+        })
+    }
+}
+
+/// The first pixel at a position or behind it.
+#[inline]
+pub(crate) fn round_up(position: f64) -> usize {
+    let whole = position as usize;
+    whole + usize::from((whole as f64) < position)
+}
+
+/// Neighbours that share light with a feature, at most: the nearest.
+const NEIGHBOURS_MAX: usize = 6;
+
+/// For every disc, the discs whose windows overlap its own; its buffers are used again from plane to plane.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Neighbours {
+    cells: Cells,
+    /// The neighbours of all discs, nearest first.
+    members: Vec<u32>,
+    /// Where those of every disc end.
+    ends: Vec<u32>,
+    /// Square of the distance, and index, of all that overlap one disc.
+    near: Vec<(f64, u32)>,
+}
+
+impl Neighbours {
+    /// Finds the neighbours of all discs.
+    pub(crate) fn find(&mut self, discs: &[Disc]) {
+        const CROWD: f64 = 1.5;
+        let Self { cells, members, ends, near } = self;
+        members.clear();
+        ends.clear();
+        cells.fill(discs.iter().map(|disc| disc.centre), CROWD);
+        let largest = discs.iter().map(|disc| disc.radius).fold(0.0, f64::max);
+        for (index, disc) in (0..).zip(discs) {
+            let reach = disc.radius + largest;
+            let [columns, rows] =
+                [0, 1].map(|axis| [-reach, reach].map(|reach| cells.cell(axis, disc.centre[axis] + reach)));
+            near.clear();
+            for &other in (rows[0]..=rows[1]).flat_map(|row| cells.row(row, columns[0], columns[1])) {
+                let Disc { centre, radius, .. } = discs[other as usize];
+                let distance2 = (centre[0] - disc.centre[0]).powi(2) + (centre[1] - disc.centre[1]).powi(2);
+                if distance2 < (disc.radius + radius).powi(2) && other != index {
+                    near.push((distance2, other));
+                }
             }
-            if dx.hypot(dy) < own.radius + other.radius {
-                neighbours[a as usize].push(b);
-                neighbours[b as usize].push(a);
-            }
+            near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+            members.extend(near.iter().take(NEIGHBOURS_MAX).map(|(_, other)| other));
+            ends.push(members.len() as u32);
         }
     }
-    neighbours
+
+    /// The neighbours of a disc, nearest first.
+    pub(crate) fn of(&self, disc: usize) -> &[u32] {
+        let start = disc.checked_sub(1).map_or(0, |before| self.ends[before] as usize);
+        &self.members[start..self.ends[disc] as usize]
+    }
+
+    /// Whether a disc has none.
+    pub(crate) fn is_alone(&self, disc: usize) -> bool {
+        self.of(disc).is_empty()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn neighbours_are_those_that_overlap_nearest_first() {
+        let disc = |k: u32| Disc {
+            centre: [f64::from(k * 37 % 101), f64::from(k * 53 % 97)],
+            extent: 2.0,
+            radius: 3.0 + f64::from(k % 5),
+        };
+        let discs: Vec<Disc> = (0..80).map(disc).collect();
+        let mut neighbours = Neighbours::default();
+        neighbours.find(&discs);
+        for (index, disc) in discs.iter().enumerate() {
+            let distance =
+                |other: usize| (discs[other].centre[0] - disc.centre[0]).hypot(discs[other].centre[1] - disc.centre[1]);
+            let overlaps = |other: &usize| *other != index && distance(*other) < disc.radius + discs[*other].radius;
+            let mut expected: Vec<usize> = (0..discs.len()).filter(overlaps).collect();
+            expected.sort_by(|a, b| distance(*a).total_cmp(&distance(*b)).then(a.cmp(b)));
+            expected.truncate(NEIGHBOURS_MAX);
+            assert_eq!(neighbours.of(index).iter().map(|other| *other as usize).collect::<Vec<_>>(), expected);
+        }
+        neighbours.find(&[]);
+    }
+
+    #[test]
+    fn a_window_is_trimmed_on_both_sides() {
+        let window = Window::about([50, 40], [3.2, 20.0], 9.0).expect("inside");
+        assert!(window.trimmed());
+        let columns: Vec<usize> = window.spans().map(|span| span.end - span.first).collect();
+        assert_eq!((columns.len(), columns[8]), (17, 7));
+        assert!(window.spans().all(|span| span.end <= 7));
+        assert_eq!(Window::about([50, 40], [-1.0, 20.0], 9.0), None);
+    }
 }

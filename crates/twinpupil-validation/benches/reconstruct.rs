@@ -43,7 +43,7 @@ fn frames(criterion: &mut Criterion) {
         for mode in [Mode::Centroid, Mode::Paper] {
             let reconstructor = reconstructor(mode);
             group.bench_function(format!("{mode:?}, {name}"), |bencher| {
-                bencher.iter(|| reconstructor.frame(black_box(&frame)).expect("a frame of this camera"));
+                bencher.iter(|| reconstructor.reconstruct(black_box(&frame)).expect("a frame of this camera"));
             });
         }
         for (estimator, mode) in [("rough", Mode::Model), ("Cartesian", Mode::Centroid), ("radial", Mode::Paper)] {

@@ -56,7 +56,7 @@ impl Rig {
     /// # Panics
     /// If the frame is not of this camera.
     pub fn read(&self, frame: &Frame) -> Reconstruction {
-        self.reconstructor.frame(frame).expect("a frame of this camera")
+        self.reconstructor.reconstruct(frame).expect("a frame of this camera")
     }
 
     /// Number of features of a frame in a band, measured or not.

@@ -13,6 +13,7 @@ use crate::noise::Noise;
 /// ```
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Black {
+    noise: Noise,
     /// Codes of light, above the black level, from which a code is light and noise and no more.
     pub(crate) light_max: f32,
     low: f32,
@@ -44,7 +45,7 @@ impl Black {
         let reach = REACH_SIGMAS * REACH_SIGMAS * noise.slope_codes;
         let high = 0.5 * (reach + (reach * reach + 4.0 * (REACH_SIGMAS * floor).powi(2)).sqrt()) - noise.black_level;
         if high <= 0.0 {
-            return Self { light_max: f32::NEG_INFINITY, low: 0.0, per_step: 0.0, nodes: Vec::new() };
+            return Self { noise: *noise, light_max: f32::NEG_INFINITY, low: 0.0, per_step: 0.0, nodes: Vec::new() };
         }
         let step = (high - low) / (NODES - 1) as f64;
         let node = |k: usize| {
@@ -54,6 +55,7 @@ impl Black {
             Reading { mean: mean as f32, slope: slope as f32, trust: (1.0 / variance) as f32 }
         };
         Self {
+            noise: *noise,
             light_max: high as f32,
             low: low as f32,
             per_step: (1.0 / step) as f32,
@@ -61,12 +63,17 @@ impl Black {
         }
     }
 
+    /// The noise that it was made for.
+    pub(crate) fn noise(&self) -> &Noise {
+        &self.noise
+    }
+
     /// What pixels read that receive `light`, however much.
-    pub(crate) fn reading(&self, light: f32, noise: &Noise) -> Reading {
+    pub(crate) fn reading(&self, light: f32) -> Reading {
         if light < self.light_max {
             return self.read(light);
         }
-        let variance = noise.variance(noise.black_level + f64::from(light));
+        let variance = self.noise.variance(self.noise.black_level + f64::from(light));
         Reading { mean: light, slope: 1.0, trust: (1.0 / variance) as f32 }
     }
 

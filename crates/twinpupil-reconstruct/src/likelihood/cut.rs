@@ -1,94 +1,90 @@
 //! A disc whose pencils the masks cut.
 //!
 //! What a mask takes is an area of the pupil's disc P: that of its own shadow M within it and, where the dot D does not
-//! fill the pencil, within the dot as well. Lines across the pupil, along the edge of the dot, cross each of the three in
-//! one interval, so the areas are sums of lengths:
+//! fill the pencil, within the dot as well:
 //!
 //! ```text
 //! open = 1 − |P∩M|/π        light = (|P∩D| − |P∩D∩M|)/π
 //! ```
 //!
-//! `|P∩D|` is the light of the uncut spot. On a surface that slopes, a pencil meets the dot as a central projection of
-//! the pupil, see [`Pencil::skew`](crate::likelihood::pencil::Pencil::skew).
-
-use std::f32::consts::PI;
+//! `|P∩D|` is the light of the uncut spot, `|P∩M|` the overlap of two discs. Only where the edge of the dot and that of a
+//! mask meet in a pencil, lines across the pupil have to tell the rest, see [`chords`](crate::likelihood::chords).
 
 use multiversion::multiversion;
 
-use crate::likelihood::light::{EdgeView, Light, Local, Places, SHARP_PX};
+use crate::likelihood::chords::{Circles, Dots, Edges, LANES, Lanes, lanes, share};
+use crate::likelihood::light::{EdgeView, Light, Local, Places, SHARP_PX, WIDE_PX};
 use crate::likelihood::pencil::Edge;
+use crate::likelihood::sharp::{Trapezoid, depth};
+use crate::likelihood::soft::Overlap;
 use crate::likelihood::spot::Spot;
-
-/// Lines across an area.
-const LINES: usize = 24;
-
-/// Where the lines lie from −1 to 1 and what they count: Fejér's first rule, which bears that areas end like circles.
-const POSITIONS: [f32; LINES] = [
-    0.997_858_94,
-    0.980_785_25,
-    0.946_930_1,
-    0.896_872_76,
-    0.831_469_6,
-    0.751_839_8,
-    0.659_345_8,
-    0.555_570_24,
-    0.442_288_7,
-    0.321_439_47,
-    0.195_090_32,
-    0.065_403_126,
-    -0.065_403_126,
-    -0.195_090_32,
-    -0.321_439_47,
-    -0.442_288_7,
-    -0.555_570_24,
-    -0.659_345_8,
-    -0.751_839_8,
-    -0.831_469_6,
-    -0.896_872_76,
-    -0.946_930_1,
-    -0.980_785_25,
-    -0.997_858_94,
-];
-const WEIGHTS: [f32; LINES] = [
-    0.007_472_589,
-    0.026_143_402,
-    0.041_683_49,
-    0.058_175_642,
-    0.072_513_8,
-    0.086_469_69,
-    0.098_290_75,
-    0.108_934_544,
-    0.117_329_8,
-    0.124_001_5,
-    0.128_355_97,
-    0.130_628_82,
-    0.130_628_82,
-    0.128_355_97,
-    0.124_001_5,
-    0.117_329_8,
-    0.108_934_544,
-    0.098_290_75,
-    0.086_469_69,
-    0.072_513_8,
-    0.058_175_642,
-    0.041_683_49,
-    0.026_143_402,
-    0.007_472_589,
-];
-
-/// Edges of one way that are looked at; real masks have one or two.
-const EDGES_MAX: usize = 4;
 
 /// Half the diagonal of a pixel.
 const PIXEL_REACH_PX: f32 = 0.71;
 
-/// Below this blur the open part of the pupil only moves and dims the light.
-const POINT_PX: f32 = 0.3;
+/// Lines across the pupil of a nearly sharp pixel, by the Gauss–Chebyshev rule of the second kind: positions, half their
+/// lengths, and shares of the pupil.
+const LINES: usize = 16;
+const LINE_POSITIONS: [f32; LINES] = [
+    0.982_973_1,
+    0.932_472_2,
+    0.850_217_14,
+    0.739_008_9,
+    0.602_634_6,
+    0.445_738_36,
+    0.273_662_99,
+    0.092_268_36,
+    -0.092_268_36,
+    -0.273_662_99,
+    -0.445_738_36,
+    -0.602_634_6,
+    -0.739_008_9,
+    -0.850_217_14,
+    -0.932_472_2,
+    -0.982_973_1,
+];
+const LINE_HALVES: [f32; LINES] = [
+    0.183_749_518,
+    0.361_241_67,
+    0.526_432_16,
+    0.673_695_6,
+    0.798_017_2,
+    0.895_163_3,
+    0.961_825_64,
+    0.995_734_18,
+    0.995_734_18,
+    0.961_825_64,
+    0.895_163_3,
+    0.798_017_2,
+    0.673_695_6,
+    0.526_432_16,
+    0.361_241_67,
+    0.183_749_518,
+];
+const LINE_SHARES: [f32; LINES] = [
+    0.003_972_221_8,
+    0.015_352_417,
+    0.032_603_626,
+    0.053_395_98,
+    0.074_921_352,
+    0.094_272_63,
+    0.108_836_3,
+    0.116_645_48,
+    0.116_645_48,
+    0.108_836_3,
+    0.094_272_63,
+    0.074_921_352,
+    0.053_395_98,
+    0.032_603_626,
+    0.015_352_417,
+    0.003_972_221_8,
+];
 
 /// Turns the light of an uncut spot into that of the cut one.
 pub(crate) fn cut(spot: &Spot, local: &Local, places: &Places, out: &mut Light) {
+    let points = Points::of(spot);
     if let [way] = spot.ways.as_slice() {
-        cut_way(&Way::of(way, spot), local, places, out);
+        cut_way(&Way::of(way, spot), local, points, places, out);
         return;
     }
     let uncut = out.clone();
@@ -96,25 +92,20 @@ pub(crate) fn cut(spot: &Spot, local: &Local, places: &Places, out: &mut Light) 
     sum.resize(places.len());
     for way in &spot.ways {
         out.clone_from(&uncut);
-        cut_way(&Way::of(way, spot), local, places, out);
+        cut_way(&Way::of(way, spot), local, points, places, out);
         sum.add(out);
     }
     *out = sum;
 }
 
 /// Light of an uncut spot whose blur reaches so far around the ends of a foreshortened dot that only lines tell it.
-#[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
-pub(crate) fn slanted(local: &Local, places: &Places, out: &mut Light) {
-    let all = Cuts::default();
-    for index in 0..places.len() {
-        let (du, dv) = (places.du[index], places.dv[index]);
-        let edge = EdgeView::at(local, du, dv);
-        if ((1.0 - edge.q) * edge.px).abs() < edge.blur_px.abs() + PIXEL_REACH_PX {
-            out.light[index] = lit(local, &edge, [du, dv], |stretch, behind| {
-                area(stretch, [all.shut(), all.rims()], Some(behind)).share
-            });
-        }
-    }
+pub(crate) fn slanted(spot: &Spot, local: &Local, places: &Places, out: &mut Light) {
+    let mut meetings = std::mem::take(&mut out.meetings);
+    meetings.touched.clear();
+    meetings.touched.resize(places.len(), 1.0);
+    meetings.find(local, places);
+    slanted_soft(local, Points::of(spot), places, &meetings.soft, out);
+    out.meetings = meetings;
 }
 
 impl Light {
@@ -129,336 +120,327 @@ impl Light {
     }
 }
 
+/// Where masks cut the pencils of samples, and where in such pencils the edge of the dot lies.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Meetings {
+    /// 1 where a mask cuts the pencil, 0 elsewhere.
+    touched: Vec<f32>,
+    /// Of the former, 1 where the edge of the dot is in the pencil too, and 2 where its blur is below [`SHARP_PX`].
+    kind: Vec<f32>,
+    /// Samples of the one and of the other kind.
+    soft: Vec<u32>,
+    sharp: Vec<u32>,
+}
+
+impl Meetings {
+    /// Finds the edge of the dot in the pencils that are touched.
+    fn find(&mut self, local: &Local, places: &Places) {
+        self.kind.resize(places.len(), 0.0);
+        kinds(local, places, &self.touched, &mut self.kind);
+        self.soft.clear();
+        self.sharp.clear();
+        for (index, kind) in self.kind.iter().enumerate() {
+            if *kind == 1.0 {
+                self.soft.push(index as u32);
+            } else if *kind == 2.0 {
+                self.sharp.push(index as u32);
+            }
+        }
+    }
+}
+
+#[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
+fn kinds(local: &Local, places: &Places, touched: &[f32], kind: &mut [f32]) {
+    let count = places.len();
+    let (du, dv) = (&places.du[..count], &places.dv[..count]);
+    let (touched, kind) = (&touched[..count], &mut kind[..count]);
+    for index in 0..count {
+        let edge = EdgeView::at(local, du[index], dv[index]);
+        let depth_px = (1.0 - edge.q) * edge.px;
+        let depth_px = depth_px / (1.0 + edge.bend() * depth_px.max(0.0));
+        let blur_px = edge.blur_px.abs();
+        let near = if depth_px.abs() < blur_px + PIXEL_REACH_PX { touched[index] } else { 0.0 };
+        kind[index] = if blur_px < SHARP_PX as f32 { 2.0 * near } else { near };
+    }
+}
+
 /// The edges along one way through the masks.
 struct Way {
-    /// As the centre of the spot sees them.
-    edges: [Circle; EDGES_MAX],
-    count: usize,
-    /// Movement of their centres with the place, per px.
-    per_px: [f32; EDGES_MAX],
+    /// Light passes outside the shut ones and inside the rims.
+    shuts: Vec<Circle>,
+    rims: Vec<Circle>,
 }
 
 /// An [`Edge`] in the unit disc of the pupil.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy)]
 struct Circle {
+    /// As the centre of the spot sees its centre.
     x: f32,
     y: f32,
+    /// Movement of that with the place.
+    per_px: f32,
     radius: f32,
-    passes_inside: bool,
 }
 
 impl Way {
     fn of(way: &[Edge], spot: &Spot) -> Self {
         let [x_mm, y_mm] = spot.image_mm(spot.centre_px);
-        let mut edges = [Circle::default(); EDGES_MAX];
-        let mut per_px = [0.0; EDGES_MAX];
-        for (place, edge) in way.iter().take(EDGES_MAX).enumerate() {
-            edges[place] = Circle {
+        let circles = |passes_inside: bool| {
+            let edges = way.iter().filter(move |edge| edge.passes_inside == passes_inside);
+            let circle = |edge: &Edge| Circle {
                 x: (edge.start[0] + edge.per_image * x_mm) as f32,
                 y: (edge.start[1] + edge.per_image * y_mm) as f32,
+                per_px: (edge.per_image * spot.pitch_mm) as f32,
                 radius: edge.radius as f32,
-                passes_inside: edge.passes_inside,
             };
-            per_px[place] = (edge.per_image * spot.pitch_mm) as f32;
+            edges.map(circle).collect()
+        };
+        Self { shuts: circles(false), rims: circles(true) }
+    }
+
+    /// The shut circles and the rims as samples see them.
+    #[inline(always)]
+    fn seen_by(&self, edges: &Edges) -> [Vec<Circles>; 2] {
+        [&self.shuts, &self.rims].map(|circles| circles.iter().map(|circle| circle.seen_by(edges)).collect())
+    }
+}
+
+impl Circle {
+    #[inline(always)]
+    fn seen_by(&self, edges: &Edges) -> Circles {
+        let place = |lane: usize| [self.x + self.per_px * edges.du[lane], self.y + self.per_px * edges.dv[lane]];
+        let across = |lane: usize| {
+            let [x, y] = place(lane);
+            edges.normal_u[lane] * x + edges.normal_v[lane] * y
+        };
+        let along = |lane: usize| {
+            let [x, y] = place(lane);
+            edges.normal_u[lane] * y - edges.normal_v[lane] * x
+        };
+        Circles { x: lanes(across), y: lanes(along), radius: self.radius }
+    }
+}
+
+/// Turns the light of an uncut spot into what passes one way.
+fn cut_way(way: &Way, local: &Local, points: Points, places: &Places, out: &mut Light) {
+    let count = places.len();
+    let mut meetings = std::mem::take(&mut out.meetings);
+    meetings.touched.clear();
+    meetings.touched.resize(count, 0.0);
+    out.open.fill(1.0);
+    for circle in &way.shuts {
+        close(circle, 1.0, places, &mut meetings.touched, &mut out.open);
+    }
+    for circle in &way.rims {
+        close(circle, -1.0, places, &mut meetings.touched, &mut out.open);
+    }
+    if way.rims.len() > 1 || !(way.rims.is_empty() || way.shuts.is_empty()) {
+        open_by_lines(way, local, places, &meetings.touched, &mut out.open);
+    }
+    meetings.find(local, places);
+    cut_sharp(way, local, places, &meetings.sharp, out);
+    cut_soft(way, local, points, places, &meetings.soft, out);
+    dim(&meetings.kind, out);
+    out.meetings = meetings;
+}
+
+/// Takes what one circle shuts, inside (1) or outside (−1), from the open share of the pencils.
+#[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
+fn close(circle: &Circle, inside: f32, places: &Places, touched: &mut [f32], open: &mut [f32]) {
+    let count = places.len();
+    let (du, dv) = (&places.du[..count], &places.dv[..count]);
+    let (touched, open) = (&mut touched[..count], &mut open[..count]);
+    let Circle { x, y, per_px, radius } = *circle;
+    for index in 0..count {
+        let (x, y) = (x + per_px * du[index], y + per_px * dv[index]);
+        let offset = (x * x + y * y).sqrt();
+        let within = radius * radius * Overlap::of(offset, radius).light;
+        let shut = if inside > 0.0 { within } else { 1.0 - within };
+        let meets = offset - inside < inside * radius;
+        touched[index] = if meets { 1.0 } else { touched[index] };
+        open[index] = if meets { (open[index] - shut).clamp(0.0, 1.0) } else { open[index] };
+    }
+}
+
+/// The open share where several circles may overlap, one of them a rim.
+fn open_by_lines(way: &Way, local: &Local, places: &Places, touched: &[f32], open: &mut [f32]) {
+    let touched: Vec<u32> = (0..places.len() as u32).filter(|index| touched[*index as usize] > 0.0).collect();
+    for indices in touched.chunks(LANES) {
+        let edges = Edges::of(local, places, indices);
+        let [shuts, rims] = way.seen_by(&edges);
+        let passing = passing(None, &shuts, &rims);
+        for (lane, index) in indices.iter().enumerate() {
+            open[*index as usize] = passing[lane].clamp(0.0, 1.0);
         }
-        Self { edges, count: way.len().min(EDGES_MAX), per_px }
-    }
-
-    /// The edges that cut the pupil at a place, in coordinates whose first axis has a direction.
-    #[inline(always)]
-    fn at(&self, du: f32, dv: f32, cos: f32, sin: f32) -> Cuts {
-        let mut cuts = Cuts::default();
-        for (edge, per_px) in self.edges[..self.count].iter().zip(self.per_px) {
-            let (x, y) = (edge.x + per_px * du, edge.y + per_px * dv);
-            let turned = Circle { x: cos * x + sin * y, y: cos * y - sin * x, ..*edge };
-            let offset = (x * x + y * y).sqrt();
-            if edge.passes_inside && offset + 1.0 > edge.radius {
-                cuts.rims[cuts.limits] = turned;
-                cuts.limits += 1;
-            } else if !edge.passes_inside && offset - 1.0 < edge.radius {
-                cuts.shut[cuts.shuts] = turned;
-                cuts.shuts += 1;
-            }
-        }
-        cuts
     }
 }
 
-/// Circles that cut the pupil at one place: light passes outside the shut ones and inside the others.
-#[derive(Debug, Default)]
-struct Cuts {
-    shut: [Circle; EDGES_MAX],
-    shuts: usize,
-    rims: [Circle; EDGES_MAX],
-    limits: usize,
-}
-
-impl Cuts {
-    fn shut(&self) -> &[Circle] {
-        &self.shut[..self.shuts]
-    }
-
-    fn rims(&self) -> &[Circle] {
-        &self.rims[..self.limits]
-    }
-}
-
-/// Area of the pupil over π, and its moments along both axes.
-#[derive(Debug, Clone, Copy, Default)]
-struct Area {
-    share: f32,
-    x: f32,
-    y: f32,
-}
-
-/// A stretch across the lines.
-#[derive(Debug, Clone, Copy)]
-struct Stretch {
-    low: f32,
-    high: f32,
-}
-
-impl Stretch {
-    const PUPIL: Self = Self { low: -1.0, high: 1.0 };
-
-    #[inline(always)]
-    fn within(self, circle: &Circle) -> Self {
-        Self { low: self.low.max(circle.x - circle.radius), high: self.high.min(circle.x + circle.radius) }
-    }
-
-    #[inline(always)]
-    fn all_within(self, circles: &[Circle]) -> Self {
-        circles.iter().fold(self, |stretch, circle| stretch.within(circle))
-    }
-}
-
-/// Area that is in the pupil, in all `circles`, and in the dot if there is one.
+/// Share of the pupils within all rims and outside the shut circles, which lie apart, and in the dots if there are any.
 #[inline(always)]
-fn area(stretch: Stretch, circles: [&[Circle]; 2], dot: Option<&Behind>) -> Area {
-    let (middle, half) = (0.5 * (stretch.low + stretch.high), 0.5 * (stretch.high - stretch.low));
-    if half <= 0.0 {
-        return Area::default();
+fn passing(dots: Option<&Dots>, shuts: &[Circles], rims: &[Circles]) -> Lanes {
+    let mut passing = share(dots, rims);
+    let mut circles = rims.to_vec();
+    for shut in shuts {
+        circles.push(*shut);
+        let taken = share(dots, &circles);
+        circles.pop();
+        passing = lanes(|lane| passing[lane] - taken[lane]);
     }
-    let (mut low, mut high, mut x) = ([0.0_f32; LINES], [0.0_f32; LINES], [0.0_f32; LINES]);
-    for line in 0..LINES {
-        x[line] = middle + half * POSITIONS[line];
-        high[line] = (1.0 - x[line] * x[line]).max(0.0).sqrt();
-        low[line] = -high[line];
-    }
-    for circle in circles.into_iter().flatten() {
-        for line in 0..LINES {
-            let off = x[line] - circle.x;
-            let chord = (circle.radius * circle.radius - off * off).max(0.0).sqrt();
-            low[line] = low[line].max(circle.y - chord);
-            high[line] = high[line].min(circle.y + chord);
-        }
-    }
-    if let Some(dot) = dot {
-        for line in 0..LINES {
-            let (dot_low, dot_high) = dot.interval(x[line]);
-            low[line] = low[line].max(dot_low);
-            high[line] = high[line].min(dot_high);
-        }
-    }
-    let mut area = Area::default();
-    for line in 0..LINES {
-        let length = WEIGHTS[line] * (high[line] - low[line]).max(0.0);
-        area.share += length;
-        area.x += length * x[line];
-        area.y += length * 0.5 * (high[line] + low[line]);
-    }
-    let scale = half / PI;
-    Area { share: area.share * scale, x: area.x * scale, y: area.y * scale }
+    passing
 }
 
-/// A dot behind the pupil of a pencil, along lines across the first axis: `|g₀ + g₁ y| ≤ h₀ + h₁ y`.
-struct Behind {
-    start: [f32; 2],
-    across: [f32; 2],
-    along: [f32; 2],
-    radius_px: f32,
-    skew_across: f32,
-    skew_along: f32,
-}
-
-impl Behind {
-    /// At a place on the page, with the blur there and the direction of the first axis.
-    #[inline(always)]
-    fn at(local: &Local, du: f32, dv: f32, blur_px: f32, cos: f32, sin: f32) -> Self {
-        let [[xx, xy], [yx, yy]] = local.inverse;
-        let turn = |u: f32, v: f32| [xx * u + xy * v, yx * u + yy * v];
-        let skew_across = local.skew[0] * cos + local.skew[1] * sin;
-        let skew_along = local.skew[1] * cos - local.skew[0] * sin;
-        Self {
-            start: turn(du, dv),
-            across: turn(blur_px * cos - skew_across * du, blur_px * sin - skew_across * dv),
-            along: turn(-blur_px * sin - skew_along * du, blur_px * cos - skew_along * dv),
-            radius_px: local.radius_px,
-            skew_across,
-            skew_along,
+/// Dims light and derivatives where the edge of the dot is not cut.
+#[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
+fn dim(kind: &[f32], out: &mut Light) {
+    let Light { light, with_u, with_v, with_radius, with_blur, open, .. } = out;
+    for values in [light, with_u, with_v, with_radius, with_blur] {
+        for (value, (open, kind)) in values.iter_mut().zip(open.iter().zip(kind)) {
+            *value *= if *kind > 0.0 { 1.0 } else { *open };
         }
     }
-
-    /// The part of a line that lies in the dot; empty if none does.
-    #[inline(always)]
-    fn interval(&self, x: f32) -> (f32, f32) {
-        let (g0x, g0y) = (self.start[0] + self.across[0] * x, self.start[1] + self.across[1] * x);
-        let [g1x, g1y] = self.along;
-        let (h0, h1) = (self.radius_px * (1.0 - self.skew_across * x), -self.radius_px * self.skew_along);
-        let a = (g1x * g1x + g1y * g1y - h1 * h1).max(1e-12);
-        let b = g0x * g1x + g0y * g1y - h0 * h1;
-        let c = g0x * g0x + g0y * g0y - h0 * h0;
-        let apart = b * b - a * c;
-        let root = apart.max(0.0).sqrt();
-        let per_a = 1.0 / a;
-        (if apart > 0.0 { (-b - root) * per_a } else { 1e9 }, (-b + root) * per_a)
-    }
 }
-
-/// Most points of a pixel at which the light is looked at.
-const POINTS_MAX: usize = 8;
 
 /// Points across an edge that stand for the square of a pixel.
-struct Points {
-    offset_px: [f32; POINTS_MAX],
-    share: [f32; POINTS_MAX],
-    count: usize,
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Points {
+    /// With the second moment of the square, whichever way it is turned.
+    Two,
+    /// With the fourth too, see [`EdgeView::pixel_points`].
+    Three,
 }
 
 impl Points {
+    fn of(spot: &Spot) -> Self {
+        if spot.blur_px_min() < WIDE_PX { Self::Three } else { Self::Two }
+    }
+
+    /// Mean over the pixels of what `share` makes of the dots behind the pupils.
     #[inline(always)]
-    fn of(edge: &EdgeView) -> Self {
-        let mut points = Self { offset_px: [0.0; POINTS_MAX], share: [1.0; POINTS_MAX], count: 3 };
-        let blur_px = edge.blur_px.abs();
-        if blur_px < SHARP_PX as f32 {
-            // Midpoints under the trapezoid that the square's projection is.
-            let (u, v) = (edge.normal_u.abs(), edge.normal_v.abs());
-            let (outer, inner) = (0.5 * (u + v), 0.5 * (u - v).abs());
-            let mut sum = 0.0;
-            for point in 0..POINTS_MAX {
-                let offset_px = outer * ((2 * point + 1) as f32 / POINTS_MAX as f32 - 1.0);
-                points.offset_px[point] = offset_px;
-                points.share[point] = ((outer - offset_px.abs()) / (outer - inner).max(1e-3)).min(1.0);
-                sum += points.share[point];
-            }
-            points.share.iter_mut().for_each(|share| *share /= sum);
-            points.count = POINTS_MAX;
-        } else {
-            let (step_px, side) = edge.pixel_points();
-            points.offset_px[..3].copy_from_slice(&[-step_px, 0.0, step_px]);
-            points.share[..3].copy_from_slice(&[side, 1.0 - 2.0 * side, side]);
+    fn mean(self, local: &Local, edges: &Edges, share: impl Fn(&Dots) -> Lanes) -> Lanes {
+        const HALF_WIDTH_PX: f32 = 0.288_675_13;
+        let (step_px, side) = match self {
+            Self::Two => ([HALF_WIDTH_PX; LANES], [0.5; LANES]),
+            Self::Three => (edges.of_pixels(|(step_px, _)| step_px), edges.of_pixels(|(_, side)| side)),
+        };
+        let mean_at = |steps: f32| {
+            let outwards_px = lanes(|lane| steps * step_px[lane] + edges.view[lane].curvature_px());
+            share(&Dots::behind(local, edges, &outwards_px))
+        };
+        let (inner, outer) = (mean_at(-1.0), mean_at(1.0));
+        let sides = lanes(|lane| side[lane] * (inner[lane] + outer[lane]));
+        if self == Self::Two {
+            return sides;
         }
-        points
+        let middle = mean_at(0.0);
+        lanes(|lane| sides[lane] + (1.0 - 2.0 * side[lane]) * middle[lane])
     }
 }
 
 #[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
-fn cut_way(way: &Way, local: &Local, places: &Places, out: &mut Light) {
-    for index in 0..places.len() {
-        let (du, dv) = (places.du[index], places.dv[index]);
-        let edge = EdgeView::at(local, du, dv);
-        let (cos, sin) = (edge.normal_u, edge.normal_v);
-        let cuts = way.at(du, dv, cos, sin);
-        if cuts.shuts + cuts.limits == 0 {
-            continue;
-        }
-        let rims = cuts.rims();
-        let pupil = Stretch::PUPIL.all_within(rims);
-        let mut open =
-            if rims.is_empty() { Area { share: 1.0, x: 0.0, y: 0.0 } } else { area(pupil, [rims, &[]], None) };
-        for shut in cuts.shut() {
-            let shut = area(pupil.within(shut), [rims, std::slice::from_ref(shut)], None);
-            open = Area { share: open.share - shut.share, x: open.x - shut.x, y: open.y - shut.y };
-        }
-        open.share = open.share.clamp(0.0, 1.0);
-        out.open[index] = open.share;
-        let depth_px = (1.0 - edge.q) * edge.px;
-        let blur_px = edge.blur_px.abs();
-        let far = depth_px.abs() > blur_px + PIXEL_REACH_PX;
-        let passes = if far || blur_px < POINT_PX {
-            // Where the light only just touches the pencil, its open part may lie to one side.
-            let per_open = edge.blur_px / open.share.max(1e-3);
-            let (x, y) = (open.x * per_open, open.y * per_open);
-            let (u, v) = (cos * x - sin * y, sin * x + cos * y);
-            let moved = out.light[index] - out.with_u[index] * u - out.with_v[index] * v;
-            out.light[index] = open.share * moved.clamp(0.0, 1.0);
-            open.share
-        } else {
-            let taken = taken(local, &edge, [du, dv], &cuts);
-            let uncut = out.light[index].max(1e-6);
-            out.light[index] = (out.light[index] - taken.light).max(0.0);
-            out.with_blur[index] *= out.light[index] / uncut;
-            taken.passes
-        };
-        out.with_u[index] *= passes;
-        out.with_v[index] *= passes;
-        out.with_radius[index] *= passes;
-        if far || blur_px < POINT_PX {
-            out.with_blur[index] *= open.share;
+fn slanted_soft(local: &Local, points: Points, places: &Places, indices: &[u32], out: &mut Light) {
+    for indices in indices.chunks(LANES) {
+        let edges = Edges::of(local, places, indices);
+        let light = points.mean(local, &edges, |dots| share(Some(dots), &[]));
+        for (lane, index) in indices.iter().enumerate() {
+            out.light[*index as usize] = light[lane];
         }
     }
 }
 
-/// What the masks take of the light at the edge of a dot, and what they let pass of the edge itself.
-struct Taken {
-    light: f32,
-    passes: f32,
-}
-
-#[inline(always)]
-fn taken(local: &Local, edge: &EdgeView, place: [f32; 2], cuts: &Cuts) -> Taken {
-    let rims = cuts.rims();
-    let light = lit(local, edge, place, |lit, behind| {
-        let mut share = 0.0;
-        if !rims.is_empty() {
-            let limited = area(lit.all_within(rims), [rims, &[]], Some(behind));
-            share += area(lit, [&[], &[]], Some(behind)).share - limited.share;
-        }
-        for shut in cuts.shut() {
-            let stretch = lit.all_within(rims).within(shut);
-            share += area(stretch, [rims, std::slice::from_ref(shut)], Some(behind)).share;
-        }
-        share
-    });
-    Taken { light, passes: passes(edge, cuts) }
-}
-
-/// Mean over a pixel of what `share` makes of the stretch of the pupil that may see the dot, and of the dot behind it.
-#[inline(always)]
-fn lit(local: &Local, edge: &EdgeView, [du, dv]: [f32; 2], share: impl Fn(Stretch, &Behind) -> f32) -> f32 {
-    let (cos, sin) = (edge.normal_u, edge.normal_v);
-    let [[xx, xy], _] = local.inverse;
-    let points = Points::of(edge);
-    let mut light = 0.0;
-    for point in 0..points.count {
-        let offset_px = points.offset_px[point];
-        let (u, v) = (du + offset_px * cos, dv + offset_px * sin);
-        let blur_px = local.blur_px + local.blur_growth_px * (xx * u + xy * v) / local.radius_px;
-        let behind = Behind::at(local, u, v, blur_px, cos, sin);
-        // No line beyond the edge's tangent meets the dot.
-        let reach = ((1.0 - edge.q) * edge.px - offset_px) / blur_px;
-        let reach = reach + 0.01 * reach.abs() * blur_px.signum();
-        let stretch = if blur_px > 0.0 {
-            Stretch { high: reach.min(1.0), ..Stretch::PUPIL }
+#[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
+fn cut_soft(way: &Way, local: &Local, points: Points, places: &Places, indices: &[u32], out: &mut Light) {
+    for indices in indices.chunks(LANES) {
+        let edges = Edges::of(local, places, indices);
+        let [shuts, rims] = way.seen_by(&edges);
+        let light = if rims.is_empty() {
+            let taken = points.mean(local, &edges, |dots| {
+                shuts.iter().fold([0.0; LANES], |sum, shut| {
+                    let taken = share(Some(dots), std::slice::from_ref(shut));
+                    lanes(|lane| sum[lane] + taken[lane])
+                })
+            });
+            lanes(|lane| out.light[indices[lane.min(indices.len() - 1)] as usize] - taken[lane])
         } else {
-            Stretch { low: reach.max(-1.0), ..Stretch::PUPIL }
+            points.mean(local, &edges, |dots| passing(Some(dots), &shuts, &rims))
         };
-        light += points.share[point] * share(stretch, &behind);
+        let passes = passes(&edges, &shuts, &rims);
+        for (lane, index) in indices.iter().enumerate() {
+            let index = *index as usize;
+            let (uncut, light) = (out.light[index].max(1e-6), light[lane].max(0.0));
+            out.light[index] = light;
+            out.with_u[index] *= passes[lane];
+            out.with_v[index] *= passes[lane];
+            out.with_radius[index] *= passes[lane];
+            out.with_blur[index] *= light / uncut;
+        }
     }
-    light
 }
 
 /// The part of a dot's edge across a pencil that the masks leave in the light.
 #[inline(always)]
-fn passes(edge: &EdgeView, cuts: &Cuts) -> f32 {
-    let x = (((1.0 - edge.q) * edge.px) / edge.blur_px).clamp(-0.99, 0.99);
-    let half = (1.0 - x * x).sqrt();
-    let chord = |circle: &Circle| {
-        let off = x - circle.x;
-        let chord = (circle.radius * circle.radius - off * off).max(0.0).sqrt();
-        ((circle.y + chord).min(half) - (circle.y - chord).max(-half)).max(0.0)
-    };
-    let inside: f32 = cuts.rims().iter().map(|rim| 2.0 * half - chord(rim)).sum();
-    let shut: f32 = cuts.shut().iter().map(chord).sum();
-    (1.0 - 0.5 * (inside + shut) / half).clamp(0.0, 1.0)
+fn passes(edges: &Edges, shuts: &[Circles], rims: &[Circles]) -> Lanes {
+    let x = lanes(|lane| {
+        let edge = &edges.view[lane];
+        ((1.0 - edge.q) * edge.px / edge.blur_px).clamp(-0.99, 0.99)
+    });
+    let half = lanes(|lane| (1.0 - x[lane] * x[lane]).sqrt());
+    let open = open_lengths(&x, &half, shuts, rims);
+    lanes(|lane| open[lane] / (2.0 * half[lane]))
+}
+
+/// Lengths of the lines at x, from −half to half, within all rims and outside the shut circles, which lie apart.
+#[inline(always)]
+fn open_lengths(x: &Lanes, half: &Lanes, shuts: &[Circles], rims: &[Circles]) -> Lanes {
+    let (mut low, mut high) = (lanes(|lane| -half[lane]), *half);
+    for rim in rims {
+        let chord = rim.chord(x);
+        for lane in 0..LANES {
+            low[lane] = low[lane].max(rim.y[lane] - chord[lane]);
+            high[lane] = high[lane].min(rim.y[lane] + chord[lane]);
+        }
+    }
+    let mut open = lanes(|lane| (high[lane] - low[lane]).max(0.0));
+    for shut in shuts {
+        let chord = shut.chord(x);
+        for lane in 0..LANES {
+            let (y, chord) = (shut.y[lane], chord[lane]);
+            open[lane] -= (high[lane].min(y + chord) - low[lane].max(y - chord)).max(0.0);
+        }
+    }
+    lanes(|lane| open[lane].max(0.0))
+}
+
+/// Light and derivatives of nearly sharp edges: every line across the pupil makes a step of its own, as high as the line
+/// is open.
+#[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
+fn cut_sharp(way: &Way, local: &Local, places: &Places, indices: &[u32], out: &mut Light) {
+    for indices in indices.chunks(LANES) {
+        let edges = Edges::of(local, places, indices);
+        let [shuts, rims] = way.seen_by(&edges);
+        let depth_px = lanes(|lane| depth(&edges.view[lane]));
+        let (mut light, mut density, mut with_lines, mut open) =
+            ([0.0; LANES], [0.0; LANES], [0.0; LANES], [0.0; LANES]);
+        for ((x, half), share) in LINE_POSITIONS.into_iter().zip(LINE_HALVES).zip(LINE_SHARES) {
+            let lengths = open_lengths(&[x; LANES], &[half; LANES], &shuts, &rims);
+            for lane in 0..LANES {
+                let pixel = Trapezoid::of(edges.normal_u[lane].abs(), edges.normal_v[lane].abs());
+                let (step, slope) = pixel.step(depth_px[lane] - edges.view[lane].blur_px * x);
+                let weight = share * 0.5 / half * lengths[lane];
+                open[lane] += weight;
+                light[lane] += weight * step;
+                density[lane] += weight * slope;
+                with_lines[lane] -= weight * slope * x;
+            }
+        }
+        for (lane, index) in indices.iter().enumerate() {
+            let index = *index as usize;
+            let scale = out.open[index] / open[lane].max(1e-6);
+            let density = scale * density[lane];
+            out.light[index] = (scale * light[lane]).min(out.open[index]);
+            out.with_u[index] = density * edges.normal_u[lane];
+            out.with_v[index] = density * edges.normal_v[lane];
+            out.with_radius[index] = density * edges.view[lane].px / local.radius_px;
+            out.with_blur[index] = scale * with_lines[lane];
+        }
+    }
 }

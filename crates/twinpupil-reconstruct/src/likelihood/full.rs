@@ -187,15 +187,15 @@ impl Full {
     /// ```text
     /// r = d + r₀ − L g·p      r₀ = level − black − L l₀
     /// ```
-    pub(crate) fn sums(&self, light: &FullLight, noise: &Noise, black: &Black) -> FullSums {
+    pub(crate) fn sums(&self, light: &FullLight, black: &Black) -> FullSums {
         let ([u, v], [uu, uv, vv], [gu, gv]) = (self.place, self.places, light.growth);
         let growth = gu * u + gv * v;
         let growth2 = gu * gu * uu + 2.0 * gu * gv * uv + gv * gv * vv;
         let code_growth = gu * self.code_place[0] + gv * self.code_place[1];
         let middle = light.level * light.lit;
-        let reading = black.reading(middle as f32, noise);
+        let reading = black.reading(middle as f32);
         let (slope, trust) = (f64::from(reading.slope), f64::from(reading.trust));
-        let start = self.level - noise.black_level - f64::from(reading.mean);
+        let start = self.level - black.noise().black_level - f64::from(reading.mean);
         let level = slope * light.level;
         let square = light.lit * light.lit * self.count + 2.0 * light.lit * growth + growth2;
         let score = light.lit * (self.code + self.count * start - level * growth) + code_growth + start * growth
@@ -295,7 +295,7 @@ mod tests {
         let codes = codes();
         let rows = rows(&codes, 52);
         let light = FullLight { level: 995.0, lit: 1.02, growth: [3e-4, -2e-4] };
-        let sums = of(&rows).sums(&light, &NOISE, &Black::new(&NOISE));
+        let sums = of(&rows).sums(&light, &Black::new(&NOISE));
         let trust = 1.0 / NOISE.variance(light.level * light.lit + NOISE.black_level);
         let (mut information, mut score, mut chi2) = (0.0, 0.0, 0.0);
         for row in &rows {

@@ -113,7 +113,7 @@ fn own_growth(joint: &Joint<'_>, index: usize, band: usize, glance: &mut Glance)
     let light = body.bands[band].as_ref().filter(|_| body.alive && !body.saturated)?;
     let full = &light.window.as_ref()?.full;
     if full.count() >= FULL_MIN {
-        let (slope, information) = full.growth(&joint.bands[band].noise)?;
+        let (slope, information) = full.growth(joint.bands[band].black.noise())?;
         return Some(Growth { slope, information });
     }
     // Where nothing is flat, the fit tells whether it is worth while.
@@ -149,7 +149,7 @@ fn modelled_growth(joint: &Joint<'_>, index: usize, band: usize, glance: &mut Gl
     let spot = &light.spot;
     samples.clear();
     let rings = Rings { centre_px: spot.centre_px, window_px: view.window_px(spot), full_px: 0.0 };
-    let window = samples.read(&view.plane, &view.noise, &rings, 0.0);
+    let window = samples.read(&view.plane, view.black.noise(), &rings, 0.0);
     let codes = samples.about(&window, Share::All, spot.centre_px, places);
     others.clear();
     others.resize(codes.len(), 0.0);
@@ -168,7 +168,7 @@ fn modelled_growth(joint: &Joint<'_>, index: usize, band: usize, glance: &mut Gl
         let [share, open] = [modelled.light[k], modelled.open[k]].map(f64::from);
         let level = light.contrast * share + light.background * open;
         let foreign = f64::from(others[k]);
-        let read = f64::from(*code) - view.noise.black_level;
+        let read = f64::from(*code) - view.black.noise().black_level;
         if *code >= f32::from(view.plane.code_max) || read <= f64::from(view.black.light_max) {
             continue;
         }
@@ -177,7 +177,7 @@ fn modelled_growth(joint: &Joint<'_>, index: usize, band: usize, glance: &mut Gl
             [modelled.with_u[k], modelled.with_v[k], modelled.with_radius[k], modelled.with_blur[k]]
                 .map(|change| scale * f64::from(change));
         let row = SVector::from([u, v, radius, blur, lit * share, lit * open, level * du, level * dv]);
-        let trust = 1.0 / view.noise.variance(view.noise.black_level + level * lit + foreign);
+        let trust = 1.0 / view.black.noise().variance(view.black.noise().black_level + level * lit + foreign);
         information += row * row.transpose() * trust;
         score += row * ((read - foreign - level * lit) * trust);
     }

@@ -15,12 +15,10 @@ use crate::likelihood::pencil::Pencil;
 use crate::likelihood::samples::{Rings, Samples};
 use crate::likelihood::spot::{Dot, Page, Spot, SpotJacobian};
 use crate::likelihood::weigh::{Judge, Levels, Weights};
-use crate::noise::Noise;
 
 /// One band of a frame and how it images.
 pub(crate) struct BandView<'a> {
     pub(crate) plane: PlaneView<'a>,
-    pub(crate) noise: Noise,
     pub(crate) black: &'a Black,
     pub(crate) page: Page,
     pub(crate) pencil: &'a Pencil,
@@ -193,8 +191,8 @@ impl Joint<'_> {
         if light.window.as_ref().is_some_and(|window| window.serves(&rings, reach_px)) {
             return;
         }
-        let level = (light.contrast + light.background + view.noise.black_level) as f32;
-        let window = self.buffers.samples.read(&view.plane, &view.noise, &rings, level);
+        let level = (light.contrast + light.background + view.black.noise().black_level) as f32;
+        let window = self.buffers.samples.read(&view.plane, view.black.noise(), &rings, level);
         if let Some(light) = &mut self.bodies[index].bands[band] {
             light.window = Some(window);
         }
@@ -246,7 +244,7 @@ impl Joint<'_> {
             Levels { contrast: light.contrast as f32, background: light.background as f32, growth: light.growth() };
         let limit = if mask_foreign { FOREIGN_SIGMAS * FOREIGN_SIGMAS } else { f32::INFINITY };
         let saturated = f32::from(view.plane.code_max);
-        let judge = Judge::new(&view.noise, view.black, saturated, limit);
+        let judge = Judge::new(view.black, saturated, limit);
         weights.compare(codes, places, own, others, &levels, &judge);
         let mut normal = Normal::of(own, light.contrast, weights, weighted);
         if window.full.count() > 0.0 {
@@ -254,7 +252,7 @@ impl Joint<'_> {
             let growth = light.illumination_slope;
             let level = light.contrast + light.background;
             let full_light = FullLight { level, lit: 1.0 - growth[0] * offset_u - growth[1] * offset_v, growth };
-            normal.add_full(&window.full.sums(&full_light, &view.noise, view.black), window.full.masked);
+            normal.add_full(&window.full.sums(&full_light, view.black), window.full.masked);
         }
         if let Some(expected) = body.expected_contrast(light) {
             normal.expect_contrast(expected.value - light.contrast, expected.std);

@@ -1,6 +1,6 @@
 //! The light of a spot at places on the page, and how it changes with the spot.
 
-use crate::likelihood::cut::{cut, slanted};
+use crate::likelihood::cut::{Meetings, cut, slanted};
 use crate::likelihood::sharp::sharp;
 use crate::likelihood::soft::{soft, wide};
 use crate::likelihood::spot::Spot;
@@ -25,6 +25,7 @@ pub(crate) struct Light {
     pub(crate) with_blur: Vec<f32>,
     /// Share of the pupil that is open.
     pub(crate) open: Vec<f32>,
+    pub(crate) meetings: Meetings,
 }
 
 /// Below this blur the pixel's square shapes the edge.
@@ -70,7 +71,7 @@ impl Places {
 impl Light {
     /// Makes place for `count` pixels.
     pub(crate) fn resize(&mut self, count: usize) {
-        let Self { light, with_u, with_v, with_radius, with_blur, open } = self;
+        let Self { light, with_u, with_v, with_radius, with_blur, open, .. } = self;
         for values in [light, with_u, with_v, with_radius, with_blur, open] {
             values.resize(count, 0.0);
         }
@@ -92,7 +93,7 @@ impl Light {
             wide(&local, places, self);
         }
         if spot.foreshortening() * spot.blur_px_max() > SLANTED * spot.radius_px {
-            slanted(&local, places, self);
+            slanted(spot, &local, places, self);
         }
         if spot.is_clipped() {
             cut(spot, &local, places, self);
@@ -111,15 +112,10 @@ impl Local {
             skewed_px: spot.skewed_px().map(|value| value as f32),
         }
     }
-
-    /// How far the edge's curvature lets it seem farther in, on the average along a pixel, px.
-    #[inline(always)]
-    pub(crate) fn curvature_px(&self) -> f32 {
-        1.0 / (24.0 * self.radius_px)
-    }
 }
 
 /// Where a place lies to the edge of a dot, in units of its radius.
+#[derive(Debug, Clone, Copy)]
 pub(crate) struct EdgeView {
     /// Distance from the centre.
     pub(crate) q: f32,
@@ -133,6 +129,8 @@ pub(crate) struct EdgeView {
     pub(crate) px: f32,
     /// Blur at the nearest part of the edge, px; signed.
     pub(crate) blur_px: f32,
+    /// Curvature of the edge there, 1/px.
+    pub(crate) curvature: f32,
     /// To the unit disc the blur is an ellipse: how far it leans, and its square width along the edge over that across.
     lean: f32,
     stretch: f32,
@@ -150,6 +148,7 @@ impl EdgeView {
         let per_gradient = 1.0 / (gx * gx + gy * gy).sqrt();
         // The same along the edge.
         let (hx, hy) = (nx * yx - ny * xx, nx * yy - ny * xy);
+        let flatness = (xx * yy - xy * yx) * per_gradient;
         let lean = (gx * hx + gy * hy) * per_gradient * per_gradient;
         Self {
             q,
@@ -159,6 +158,7 @@ impl EdgeView {
             normal_v: gy * per_gradient,
             px: local.radius_px * per_gradient,
             blur_px: local.blur_px + local.blur_growth_px * ex.clamp(-1.0, 1.0),
+            curvature: flatness * flatness * per_gradient * per_radius,
             lean,
             stretch: (hx * hx + hy * hy) * per_gradient * per_gradient - lean * lean,
         }
@@ -179,6 +179,19 @@ impl EdgeView {
         let middle = (1.0 - x2 / (beta * beta)).max(0.0) / 3.0;
         let leant = self.lean * self.lean * x2.min(beta * beta);
         0.5 * (leant + beta * beta * (self.stretch - 1.0) * middle)
+    }
+
+    /// How far in the curvature of the edge lets it seem, on the average along a pixel, px.
+    #[inline(always)]
+    pub(crate) fn curvature_px(&self) -> f32 {
+        self.curvature / 24.0
+    }
+
+    /// How much nearer to the edge a place is than `(1 − q)` pixels times the gradient, over the square of that, 1/px: the
+    /// nearest part of a foreshortened edge does not lie straight outwards from the centre.
+    #[inline(always)]
+    pub(crate) fn bend(&self) -> f32 {
+        0.5 * self.lean * self.lean / self.px
     }
 
     /// Across the square of a pixel: distance of the two points and their shares that together with a third, in the

@@ -2,6 +2,7 @@
 
 pub(crate) mod black;
 pub(crate) mod body;
+mod chords;
 mod coupling;
 mod covariance;
 mod cut;

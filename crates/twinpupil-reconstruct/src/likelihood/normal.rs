@@ -115,7 +115,7 @@ struct Sums {
 
 impl Sums {
     fn fill(&mut self, light: &Light, weights: &Weights, weighted: &mut [f32]) {
-        let Light { light, with_u, with_v, with_radius, with_blur, open } = light;
+        let Light { light, with_u, with_v, with_radius, with_blur, open, .. } = light;
         sum_products([with_u, with_v, with_radius, with_blur, light, open], weights, weighted, self);
     }
 }

@@ -36,7 +36,7 @@ pub(crate) struct Seed {
     pub(crate) centre_mm: [f64; 3],
     pub(crate) diameter_mm: f64,
     /// Contrast in every band that shows it, codes.
-    pub(crate) contrast: Vec<Option<f64>>,
+    pub(crate) contrast: SmallVec<[Option<f64>; 2]>,
     /// Whether its bands together tell its depth.
     pub(crate) placed: bool,
     /// Whether its place may be off by more than the width of an edge.
@@ -52,7 +52,7 @@ pub(crate) struct Refined {
     /// Of x, y, z and diameter, mm².
     pub(crate) covariance_mm2: Matrix4<f64>,
     /// What each band measures by itself.
-    pub(crate) centres: Vec<Option<OwnCentre>>,
+    pub(crate) centres: SmallVec<[Option<OwnCentre>; 2]>,
     /// χ² of all pixels over their number less that of the unknowns.
     pub(crate) reduced_chi2: f64,
     /// Excess of the residuals over the noise, relative to the contrast.
@@ -112,6 +112,7 @@ pub(crate) struct Workspace {
     patch: Patch,
     blacks: Vec<Black>,
     slopes: Slopes,
+    chi2s: Vec<f64>,
     glance: Glance,
 }
 
@@ -146,15 +147,15 @@ impl ForwardModel {
         workspace: &mut Workspace,
         refined: &mut Vec<Option<Refined>>,
     ) {
-        let Workspace { bodies, buffers, patch, blacks, slopes, glance } = workspace;
-        blacks.clear();
-        blacks.extend(planes.iter().map(|(_, noise)| Black::new(noise)));
+        let Workspace { bodies, buffers, patch, blacks, slopes, chi2s, glance } = workspace;
+        if !blacks.iter().map(Black::noise).eq(planes.iter().map(|(_, noise)| noise)) {
+            *blacks = planes.iter().map(|(_, noise)| Black::new(noise)).collect();
+        }
         let aberrations: SmallVec<[_; 2]> = self.bands.iter().map(|band| self.aberration_mm(band.index)).collect();
         let views: SmallVec<[BandView<'_>; 2]> = (self.bands.iter().zip(planes))
             .zip(aberrations.iter().zip(&*blacks))
-            .map(|((band, (plane, noise)), (aberration_mm, black))| BandView {
+            .map(|((band, (plane, _)), (aberration_mm, black))| BandView {
                 plane: *plane,
-                noise: *noise,
                 black,
                 page: band.page,
                 pencil: &band.pencil,
@@ -167,7 +168,7 @@ impl ForwardModel {
         joint.begin();
         for round in 0..ROUNDS {
             let neighbours = if round < ROUGH_ROUNDS { NEIGHBOURS_ROUGH } else { NEIGHBOURS };
-            lay_surface(joint.bodies, neighbours, slopes);
+            lay_surface(joint.bodies, neighbours, slopes, chi2s);
             set_slopes(joint.bodies, slopes, |body| !body.rests());
             if joint.bodies.iter().all(Body::rests) {
                 // Those that came to rest first may stand on a surface that is known better by now.
@@ -207,8 +208,8 @@ fn body(seed: &Seed, views: &[BandView<'_>], background: &[f64]) -> Body {
 }
 
 /// Lays the surface through the placed dots that are where it is.
-fn lay_surface(bodies: &[Body], neighbours: usize, slopes: &mut Slopes) {
-    let settled_chi2 = SETTLED_CHI2.max(SETTLED_SHARE * median_chi2(bodies));
+fn lay_surface(bodies: &[Body], neighbours: usize, slopes: &mut Slopes, chi2s: &mut Vec<f64>) {
+    let settled_chi2 = SETTLED_CHI2.max(SETTLED_SHARE * median_chi2(bodies, chi2s));
     let is_settled = |body: &&Body| body.is_placed() && (body.rounds == 0 || body.explains(settled_chi2));
     slopes.lay_through(bodies.iter().filter(is_settled).map(|body| body.dot.centre_mm), neighbours);
 }
@@ -250,14 +251,15 @@ fn edge_shift_px(radius_px: f64, before: [f64; 2], after: [f64; 2]) -> f64 {
 }
 
 /// The typical dot's χ² a pixel.
-fn median_chi2(bodies: &[Body]) -> f64 {
-    let reduced = |body: &Body| body.quality.chi2 / body.quality.used.max(1) as f64;
-    let mut all: Vec<f64> = bodies.iter().filter(|body| body.alive && body.rounds > 0).map(reduced).collect();
-    if all.is_empty() {
+fn median_chi2(bodies: &[Body], chi2s: &mut Vec<f64>) -> f64 {
+    let fitted = bodies.iter().filter(|body| body.alive && body.rounds > 0);
+    chi2s.clear();
+    chi2s.extend(fitted.map(|body| body.quality.chi2 / body.quality.used.max(1) as f64));
+    if chi2s.is_empty() {
         return 0.0;
     }
-    let middle = all.len() / 2;
-    *all.select_nth_unstable_by(middle, f64::total_cmp).1
+    let middle = chi2s.len() / 2;
+    *chi2s.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
 fn refined(bodies: &[Body], couplings: &[Vec<Coupling>], index: usize, patch: &mut Patch) -> Option<Refined> {

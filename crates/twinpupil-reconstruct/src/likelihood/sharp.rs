@@ -12,6 +12,9 @@ const LINE_POSITIONS: [f32; LINES] =
 const LINE_SHARES: [f32; LINES] =
     [0.025_995_063, 0.091_816_87, 0.166_666_67, 0.215_521_4, 0.215_521_4, 0.166_666_67, 0.091_816_87, 0.025_995_063];
 
+/// Distance from an edge up to which its bend counts.
+const NEAR_PX: f32 = 2.0;
+
 /// Fills light and derivatives wherever the blur is below `blur_px_max`; other places stay as they are.
 ///
 /// At a depth d behind an edge with normal n the light is the edge's step averaged over the chords of the blur, and over
@@ -19,19 +22,16 @@ const LINE_SHARES: [f32; LINES] =
 /// by half the curvature times the mean square of both along the edge, `(b²/4 + 1/12) κ/2`.
 #[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
 pub(crate) fn sharp(local: &Local, blur_px_max: f32, places: &Places, out: &mut Light) {
-    let [[xx, xy], [yx, yy]] = local.inverse;
-    let determinant = xx * yy - xy * yx;
-    let per_radius = 1.0 / local.radius_px;
-    for index in 0..places.len() {
-        let edge = EdgeView::at(local, places.du[index] - local.skewed_px[0], places.dv[index] - local.skewed_px[1]);
+    let count = places.len();
+    let (du, dv) = (&places.du[..count], &places.dv[..count]);
+    let out_light = &mut out.light[..count];
+    let (with_u, with_v) = (&mut out.with_u[..count], &mut out.with_v[..count]);
+    let (with_radius, with_blur) = (&mut out.with_radius[..count], &mut out.with_blur[..count]);
+    for index in 0..count {
+        let edge = EdgeView::at(local, du[index] - local.skewed_px[0], dv[index] - local.skewed_px[1]);
         let blur = edge.blur_px.abs();
-        if blur >= blur_px_max {
-            continue;
-        }
-        let per_gradient = edge.px * per_radius;
-        let curvature = per_radius * determinant * determinant * per_gradient * per_gradient * per_gradient;
-        let inwards = 0.5 * curvature * (0.25 * blur * blur + 1.0 / 12.0);
-        let depth = (1.0 - edge.q) * edge.px - inwards;
+        let per_gradient = edge.px / local.radius_px;
+        let depth = depth(&edge);
         let pixel = Trapezoid::of(edge.normal_u.abs(), edge.normal_v.abs());
         let (mut light, mut density, mut with_lines) = (0.0, 0.0, 0.0);
         for line in 0..LINES {
@@ -40,16 +40,25 @@ pub(crate) fn sharp(local: &Local, blur_px_max: f32, places: &Places, out: &mut 
             density += LINE_SHARES[line] * slope;
             with_lines += LINE_SHARES[line] * slope * LINE_POSITIONS[line];
         }
-        out.light[index] = light;
-        out.with_u[index] = density * edge.normal_u;
-        out.with_v[index] = density * edge.normal_v;
-        out.with_radius[index] = density * per_gradient;
-        out.with_blur[index] = with_lines.copysign(with_lines * edge.blur_px);
+        let chosen = |new: f32, old: f32| if blur < blur_px_max { new } else { old };
+        out_light[index] = chosen(light, out_light[index]);
+        with_u[index] = chosen(density * edge.normal_u, with_u[index]);
+        with_v[index] = chosen(density * edge.normal_v, with_v[index]);
+        with_radius[index] = chosen(density * per_gradient, with_radius[index]);
+        with_blur[index] = chosen(with_lines.copysign(with_lines * edge.blur_px), with_blur[index]);
     }
 }
 
+/// Depth behind the edge of a dot, px, as a nearly sharp pixel feels it.
+#[inline(always)]
+pub(crate) fn depth(edge: &EdgeView) -> f32 {
+    let inwards = 0.5 * edge.curvature * (0.25 * edge.blur_px * edge.blur_px + 1.0 / 12.0);
+    let straight = (1.0 - edge.q) * edge.px;
+    straight - edge.bend() * (straight * straight).min(NEAR_PX * NEAR_PX) - inwards
+}
+
 /// The square of a pixel, projected on the normal of an edge.
-struct Trapezoid {
+pub(crate) struct Trapezoid {
     /// Half its longer and its shorter side.
     outer: f32,
     inner: f32,
@@ -62,7 +71,7 @@ struct Trapezoid {
 impl Trapezoid {
     /// From the sizes of the normal's components.
     #[inline(always)]
-    fn of(u: f32, v: f32) -> Self {
+    pub(crate) fn of(u: f32, v: f32) -> Self {
         const FLATTEST: f32 = 1e-3;
         let (long, short) = (u.max(v), u.min(v).max(FLATTEST));
         Self {
@@ -75,7 +84,7 @@ impl Trapezoid {
 
     /// Share of the pixel behind an edge that lies `depth` before its centre, and the change with the depth.
     #[inline(always)]
-    fn step(&self, depth: f32) -> (f32, f32) {
+    pub(crate) fn step(&self, depth: f32) -> (f32, f32) {
         let size = depth.abs();
         let left = (self.outer - size).max(0.0);
         let tail = if size <= self.inner { 0.5 - size * self.height } else { 0.5 * left * left * self.fall };

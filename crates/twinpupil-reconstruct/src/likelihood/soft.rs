@@ -34,7 +34,7 @@ pub(crate) fn soft(local: &Local, places: &Places, out: &mut Light) {
         let (step_px, side) = edge.pixel_points();
         let step = step_px / edge.px;
         // Along the edge, its curvature makes a step inwards of the pixel's extent.
-        let q = edge.q + local.curvature_px() / edge.px + edge.slanted(beta);
+        let q = edge.q + edge.curvature_px() / edge.px + edge.slanted(beta);
         let (outer, middle, inner) =
             (Overlap::of(q + step, beta), Overlap::of(q, beta), Overlap::of((q - step).abs(), beta));
         let centre = 1.0 - 2.0 * side;
@@ -61,11 +61,13 @@ pub(crate) fn wide(local: &Local, places: &Places, out: &mut Light) {
         let edge = EdgeView::at(local, du[index] - local.skewed_px[0], dv[index] - local.skewed_px[1]);
         let beta = (edge.blur_px.abs() / edge.px).max(BETA_MIN);
         // Across the edge in px: towards the dot from where the light begins, and outwards from where it is full.
-        let (begins, ends) = ((1.0 + beta - edge.q) * edge.px, (edge.q - (1.0 - beta).abs()) * edge.px);
+        let q = edge.q + edge.slanted(beta);
+        // Across the edge in px: towards the dot from where the light begins, and outwards from where it is full.
+        let (begins, ends) = ((1.0 + beta - q) * edge.px, (q - (1.0 - beta).abs()) * edge.px);
         let (outer, outer_slope) = reach(begins);
         let (inner, inner_slope) = reach(ends);
-        let inwards = outer - inner - begins + ends - local.curvature_px();
-        let overlap = Overlap::of(edge.q - inwards / edge.px + edge.slanted(beta), beta);
+        let inwards = outer - inner - begins + ends - edge.curvature_px();
+        let overlap = Overlap::of(q - inwards / edge.px, beta);
         let with_beta = overlap.with_beta - overlap.with_q * (outer_slope - inner_slope);
         let with_q = overlap.with_q * (outer_slope + inner_slope - 1.0);
         light[index] = overlap.light;

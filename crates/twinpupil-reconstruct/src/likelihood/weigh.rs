@@ -4,7 +4,6 @@ use multiversion::multiversion;
 
 use crate::likelihood::black::Black;
 use crate::likelihood::light::{Light, Places};
-use crate::noise::Noise;
 
 /// Weights and residuals of pixels, for derivatives of the light alone: what the illumination and the end of the scale
 /// do to a code, and so to all of its derivatives, is in the weight.
@@ -24,10 +23,9 @@ pub(crate) struct Levels {
     pub(crate) growth: [f32; 2],
 }
 
-/// The plane's noise and which pixels do not count.
+/// The plane's noise, and which pixels do not count.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Judge<'a> {
-    pub(crate) noise: &'a Noise,
     pub(crate) black: &'a Black,
     /// Codes from this on are saturated.
     saturated: f32,
@@ -39,11 +37,12 @@ pub(crate) struct Judge<'a> {
 }
 
 impl<'a> Judge<'a> {
-    pub(crate) fn new(noise: &'a Noise, black: &'a Black, saturated: f32, limit: f32) -> Self {
+    pub(crate) fn new(black: &'a Black, saturated: f32, limit: f32) -> Self {
         const FULL_SIGMAS: f64 = 3.0;
+        let noise = black.noise();
         let spread = (FULL_SIGMAS * noise.variance(f64::from(saturated)).sqrt()) as f32;
         let full = saturated - noise.black_level as f32 - spread;
-        Self { noise, black, saturated, full, spared: saturated - 2.0 * spread, limit }
+        Self { black, saturated, full, spared: saturated - 2.0 * spread, limit }
     }
 }
 
@@ -71,7 +70,7 @@ impl Weights {
 
     /// Where codes near zero cannot be negative.
     fn clip_at_black(&mut self, codes: &[f32], places: &Places, levels: &Levels, judge: &Judge<'_>) {
-        let black_level = judge.noise.black_level as f32;
+        let black_level = judge.black.noise().black_level as f32;
         let [gu, gv] = levels.growth;
         // Most of the ground has the same light.
         let (mut last, mut reading) = (f32::NAN, judge.black.read(0.0));
@@ -108,8 +107,8 @@ fn weigh(
     let (own, open, others) = (&light.light[..count], &light.open[..count], &others[..count]);
     let (weight, residual, model) = (&mut weight[..count], &mut residual[..count], &mut model[..count]);
     let Levels { contrast, background, growth: [gu, gv] } = *levels;
-    let (floor, slope) = (judge.noise.floor_codes2 as f32, judge.noise.slope_codes as f32);
-    let (black_level, saturated, limit) = (judge.noise.black_level as f32, judge.saturated, judge.limit);
+    let (floor, slope) = (judge.black.noise().floor_codes2 as f32, judge.black.noise().slope_codes as f32);
+    let (black_level, saturated, limit) = (judge.black.noise().black_level as f32, judge.saturated, judge.limit);
     for k in 0..count {
         let lit = 1.0 + gu * du[k] + gv * dv[k];
         let lights = others[k] + lit * (contrast * own[k] + background * open[k]);

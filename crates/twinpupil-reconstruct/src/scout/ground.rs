@@ -5,6 +5,7 @@ use twinpupil_instrument::PlaneView;
 
 use crate::background::{Background, Polarity, quantile};
 use crate::noise::Noise;
+use crate::quantile::code_quantile;
 use crate::shading::Shading;
 
 /// The ground of a plane.
@@ -20,16 +21,22 @@ pub(crate) struct Ground {
     pub(crate) surface: Option<Background>,
 }
 
-/// Buffers of a survey.
+/// Pixels spread evenly over a plane, tile by tile.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Survey {
-    codes: Vec<f32>,
-    sorted: Vec<f32>,
+    size: [usize; 2],
+    /// Column and row of every sample, for a plane of that size.
+    places: Vec<[u32; 2]>,
+    codes: Vec<u16>,
 }
 
 /// Tiles across and down the plane, and samples across and down a tile.
 const TILES: [usize; 2] = [8, 5];
 const TILE_SAMPLES: usize = 8;
+
+/// Every so manieth row is looked at by any search, and planes of so many rows have enough of those.
+const SEARCHED: u32 = 12;
+const ROWS_TO_SHARE: usize = 480;
 
 /// Share of a tile that is surely ground on either side of the middle, however many features it holds.
 const GROUND_SHARE: f64 = 0.2;
@@ -53,13 +60,13 @@ impl Ground {
         shading: Option<&Shading>,
         survey: &mut Survey,
     ) -> Self {
-        let Survey { codes, sorted } = survey;
-        sample(plane, codes);
-        let side = polarity.unwrap_or_else(|| longer_tail(codes, sorted));
+        survey.sample(plane);
+        let codes = &survey.codes[..];
+        let side = polarity.unwrap_or_else(|| longer_tail(codes));
         let share = if side == Polarity::Bright { GROUND_SHARE } else { 1.0 - GROUND_SHARE };
         let mut tiles = [0.0_f32; TILES[0] * TILES[1]];
         for (level, tile) in tiles.iter_mut().zip(codes.chunks_exact(TILE_SAMPLES * TILE_SAMPLES)) {
-            *level = quantile_of(tile, sorted, share);
+            *level = f32::from(code_quantile(tile, share));
         }
         let (lowest, highest) = tiles.iter().fold((f32::MAX, f32::MIN), |(a, b), &t| (a.min(t), b.max(t)));
         let start = quantile(&mut tiles, 0.5);
@@ -79,41 +86,67 @@ impl Ground {
     }
 }
 
-/// Codes spread evenly over the plane, tile by tile.
-fn sample(plane: &PlaneView<'_>, codes: &mut Vec<f32>) {
-    codes.clear();
-    let place = |k: usize, tiles: usize, pixels: usize| (2 * k + 1) * pixels / (2 * tiles * TILE_SAMPLES);
-    for j in 0..TILES[1] {
-        for i in 0..TILES[0] {
-            for r in 0..TILE_SAMPLES {
-                let line = plane.line(place(j * TILE_SAMPLES + r, TILES[1], plane.rows));
-                let column = |c: usize| place(i * TILE_SAMPLES + c, TILES[0], plane.columns);
-                codes.extend((0..TILE_SAMPLES).map(|c| f32::from(line[column(c) * plane.step_px])));
+impl Survey {
+    /// Reads the samples of a plane.
+    fn sample(&mut self, plane: &PlaneView<'_>) {
+        let size = [plane.columns, plane.rows];
+        if self.size != size {
+            self.size = size;
+            self.spread();
+        }
+        self.codes.clear();
+        for row in self.places.chunks_exact(TILE_SAMPLES) {
+            let line = plane.line(row[0][1] as usize);
+            self.codes.extend(row.iter().map(|[column, _]| line[*column as usize * plane.step_px]));
+        }
+    }
+
+    /// Spreads the samples: one in every cell of a grid, where in it changes from cell to cell, so that features in a
+    /// grid of their own are not hit in step.
+    fn spread(&mut self) {
+        // Multiples of the golden ratio and of a cousin of it, in 1/65536, leave no gaps.
+        const TURNS: [usize; 2] = [40_503, 24_421];
+        let place = |cell: usize, turn: usize, cells: usize, pixels: usize| {
+            (((cell << 16) + (turn & 0xffff)) * pixels / (cells << 16)) as u32
+        };
+        // Rows that a search which leaves out rows looks at as well, so that few are read twice.
+        let shared = |row: u32| if self.size[1] >= ROWS_TO_SHARE { row / SEARCHED * SEARCHED } else { row };
+        self.places.clear();
+        for (j, i) in (0..TILES[1]).flat_map(|j| (0..TILES[0]).map(move |i| (j, i))) {
+            for (r, c) in (0..TILE_SAMPLES).flat_map(|r| (0..TILE_SAMPLES).map(move |c| (r, c))) {
+                let (row, column) = (j * TILE_SAMPLES + r, i * TILE_SAMPLES + c);
+                let across = column * TURNS[0] + row * TURNS[1];
+                self.places.push([
+                    place(column, across, TILES[0] * TILE_SAMPLES, self.size[0]),
+                    shared(place(row, row * TURNS[0], TILES[1] * TILE_SAMPLES, self.size[1])),
+                ]);
             }
         }
     }
-}
 
-/// [`quantile`] of values that stay in place.
-fn quantile_of(values: &[f32], sorted: &mut Vec<f32>, share: f64) -> f32 {
-    sorted.clear();
-    sorted.extend_from_slice(values);
-    quantile(sorted, share)
+    /// The rows of the samples, from top to bottom.
+    pub(crate) fn rows(&self) -> impl Iterator<Item = usize> {
+        let tile_rows = self.places.chunks_exact(TILE_SAMPLES * TILE_SAMPLES * TILES[0]);
+        tile_rows
+            .flat_map(|row| row[..TILE_SAMPLES * TILE_SAMPLES].iter().step_by(TILE_SAMPLES))
+            .map(|place| place[1] as usize)
+    }
+
+    /// Columns and rows of the samples.
+    pub(crate) fn places(&self) -> &[[u32; 2]] {
+        &self.places
+    }
 }
 
 /// The polarity whose tail about the median is the longer.
-fn longer_tail(codes: &[f32], sorted: &mut Vec<f32>) -> Polarity {
+fn longer_tail(codes: &[u16]) -> Polarity {
     const TAIL: f64 = 0.005;
-    let middle = quantile_of(codes, sorted, 0.5);
-    // What is below the middle now stands before it, what is above behind it.
-    let half = sorted.len() / 2;
-    let low = quantile(&mut sorted[..half], 2.0 * TAIL);
-    let high = quantile(&mut sorted[half..], 1.0 - 2.0 * TAIL);
+    let [low, middle, high] = [TAIL, 0.5, 1.0 - TAIL].map(|share| i32::from(code_quantile(codes, share)));
     if middle - low > high - middle { Polarity::Dark } else { Polarity::Bright }
 }
 
 /// Mean and standard deviation of the samples about a level; from `start`, a quantile on the far side of the features.
-fn level_and_scatter(codes: &[f32], start: f32, side: Polarity) -> (f64, f32) {
+fn level_and_scatter(codes: &[u16], start: f32, side: Polarity) -> (f64, f32) {
     const ROUNDS: usize = 3;
     // Samples beyond the start are all ground: their spread about it gives the first width.
     let (nearest, farthest) = if side == Polarity::Bright { (f32::MIN, 0.0) } else { (0.0, f32::MAX) };
@@ -132,13 +165,13 @@ fn level_and_scatter(codes: &[f32], start: f32, side: Polarity) -> (f64, f32) {
 
 /// Number of the codes between two distances from a level, sum of their distances and of the squares.
 #[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
-fn sums_between(codes: &[f32], level: f32, nearest: f32, farthest: f32) -> [f32; 3] {
+fn sums_between(codes: &[u16], level: f32, nearest: f32, farthest: f32) -> [f32; 3] {
     const LANES: usize = 8;
     let mut sums = [[0.0_f32; LANES]; 3];
     // The few that fill no lanes are left out.
     for values in codes.as_chunks::<LANES>().0 {
         for lane in 0..LANES {
-            let off = values[lane] - level;
+            let off = f32::from(values[lane]) - level;
             let counts = if (off >= nearest) & (off <= farthest) { 1.0 } else { 0.0 };
             sums[0][lane] += counts;
             sums[1][lane] += counts * off;

@@ -70,7 +70,7 @@ mod tests {
                 match (inside(f64::from(column), f64::from(row)) && column < 120, open) {
                     (true, None) => open = Some(column),
                     (false, Some(first)) => {
-                        runs.push(Run { row, first, end: column, peak: 1.0 });
+                        runs.push(Run { row, first, end: column, at: 0, peak: 1.0 });
                         open = None;
                     }
                     _ => {}

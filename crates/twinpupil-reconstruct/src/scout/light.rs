@@ -61,6 +61,21 @@ impl Light<'_> {
         }
     }
 
+    /// Reads contrasts between pixels, bilinear: as many as `contrasts` holds, of a row from a column on. All of them lie
+    /// on the plane.
+    pub(crate) fn sample(&self, first: f64, row: f64, contrasts: &mut [f32], rows: &mut [Vec<f32>; 2]) {
+        let (column, upper) = (first as usize, row as usize);
+        let (across, down) = ((first - column as f64) as f32, (row - upper as f64) as f32);
+        // One more than asked for, where there is one.
+        let count = (contrasts.len() + 1).min(self.columns() - column);
+        for (line, row) in rows.iter_mut().zip([upper, (upper + 1).min(self.rows() - 1)]) {
+            line.resize(count, 0.0);
+            self.read(row, column, line);
+            line.resize(contrasts.len() + 1, line[count - 1]);
+        }
+        blend([&rows[0], &rows[1]], across, down, contrasts);
+    }
+
     /// The contrast of one pixel.
     pub(crate) fn at(&self, column: usize, row: usize) -> f32 {
         match self {
@@ -106,6 +121,17 @@ fn read_codes(line: &[u16], step: usize, sign: f32, added: f32, contrasts: &mut 
             contrasts.iter_mut().zip(pairs).for_each(|(value, pair)| *value = contrast(pair[0]));
         }
         _ => contrasts.iter_mut().zip(line.iter().step_by(step)).for_each(|(value, code)| *value = contrast(*code)),
+    }
+}
+
+/// Contrasts between those of two rows.
+#[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
+fn blend([upper, lower]: [&[f32]; 2], across: f32, down: f32, contrasts: &mut [f32]) {
+    let (next_upper, next_lower) = (&upper[1..], &lower[1..]);
+    let corners = upper.iter().zip(next_upper).zip(lower.iter().zip(next_lower));
+    for (value, ((a, b), (c, d))) in contrasts.iter_mut().zip(corners) {
+        let (above, below) = (a + across * (b - a), c + across * (d - c));
+        *value = above + down * (below - above);
     }
 }
 

@@ -8,6 +8,7 @@
 //! what remains of it above half its height. Others are several features whose skirts meet: they are cut higher up until
 //! they fall apart, and what hangs together at half its height still is divided at its necks.
 
+mod area;
 pub(crate) mod ground;
 mod hull;
 pub(crate) mod light;
@@ -17,11 +18,12 @@ pub(crate) mod run;
 
 use std::ops::Range;
 
-use crate::background::quantile;
+use crate::quantile::upper_quantile;
+use crate::scout::area::area;
 use crate::scout::hull::Hull;
 use crate::scout::light::Light;
 use crate::scout::neck::Necks;
-use crate::scout::row::{Moments, RowLight, Sums, count_above, highest_pair};
+use crate::scout::row::{Moments, Sums, count_above, highest_pair, parts_above};
 use crate::scout::run::{Forest, Run, runs_of_row};
 
 /// A feature as it is found, in pixels of the plane.
@@ -71,8 +73,11 @@ pub(crate) struct Scout {
     numbers: Vec<u32>,
     trees: Vec<Tree>,
     masks: Vec<u16>,
+    /// Contrasts of all runs above the floor, with a pixel on either side of each.
     contrasts: Vec<f32>,
     tops: Vec<f32>,
+    /// Lengths of the rows of a piece.
+    lengths: Vec<f64>,
     hull: Hull,
     necks: Necks,
 }
@@ -127,35 +132,36 @@ impl Scout {
     fn sweep(&mut self, light: &Light<'_>, floor: f32) {
         let Self { step, cut, masks, contrasts, .. } = self;
         cut.clear();
+        contrasts.clear();
         let columns = light.columns();
         for (step_row, row) in (0..light.rows()).step_by(*step).enumerate() {
             runs_of_row(light.against(row, floor), masks, |first, end| {
-                let end = end.min(columns);
-                contrasts.resize(end - first, 0.0);
-                light.read(row, first, contrasts);
-                let [row, first, end] = [step_row, first, end].map(|place| place as u32);
-                cut.push(Run { row, first, end, peak: highest_pair(contrasts) });
+                let (before, behind) = (first.saturating_sub(1), (end + 1).min(columns));
+                let start = contrasts.len();
+                contrasts.resize(start + behind - before, 0.0);
+                light.read(row, before, &mut contrasts[start..]);
+                let at = start + first - before;
+                let peak = highest_pair(&contrasts[at..at + end - first]);
+                let [row, first, end, at] = [step_row, first, end, at].map(|place| place as u32);
+                cut.push(Run { row, first, end, at, peak });
             });
         }
-        self.forest.grow(cut);
-        self.numbers.clear();
-        self.numbers.extend_from_slice(self.forest.numbers());
-        self.trees.clear();
-        self.trees.resize(self.forest.trees(), Tree::default());
+        self.plant();
     }
 
     /// The runs of a piece above a higher level.
-    fn rise(&mut self, light: &Light<'_>, piece: &Piece, level: f32) {
-        let Self { step, cut, masks, contrasts, runs, .. } = self;
+    fn rise(&mut self, piece: &Piece, level: f32) {
+        let Self { cut, masks, contrasts, runs, .. } = self;
         cut.clear();
         for run in &runs[piece.runs.clone()] {
-            contrasts.resize(run.pixels() as usize, 0.0);
-            light.read(run.row as usize * *step, run.first as usize, contrasts);
-            RowLight { contrasts, first: run.first }.runs_above(level, masks, |first, end, peak| {
-                cut.push(Run { row: run.row, first, end, peak });
-            });
+            parts_above(run, of_run(contrasts, run), level, masks, |part| cut.push(part));
         }
-        self.forest.grow(cut);
+        self.plant();
+    }
+
+    /// Finds which of the cut runs hang together.
+    fn plant(&mut self) {
+        self.forest.grow(&self.cut);
         self.numbers.clear();
         self.numbers.extend_from_slice(self.forest.numbers());
         self.trees.clear();
@@ -176,7 +182,7 @@ impl Scout {
             tree.next = next;
             next += tree.runs as usize;
         }
-        let none = Run { row: 0, first: 0, end: 0, peak: 0.0 };
+        let none = Run { row: 0, first: 0, end: 0, at: 0, peak: 0.0 };
         self.runs.resize(next, none);
         for (run, &number) in self.cut.iter().zip(&self.numbers) {
             let tree = &mut self.trees[number as usize];
@@ -200,7 +206,7 @@ impl Scout {
     /// Follows a piece up to half its height, or to where it falls apart.
     fn explore(&mut self, light: &Light<'_>, piece: Piece, blobs: &mut Vec<Blob>) {
         const NEAR: f32 = 1.1;
-        let height = self.height(light, &piece);
+        let height = self.height(&piece);
         let half = 0.5 * height;
         if half <= NEAR * piece.level {
             self.close(light, piece, height, None, blobs);
@@ -209,7 +215,7 @@ impl Scout {
         let convex = self.hull.filled_share(&self.runs[piece.runs.clone()]) >= CONVEX;
         let climbs = !convex && CLIMB * NEAR * piece.level < half;
         let level = if climbs { CLIMB * piece.level } else { half };
-        self.rise(light, &piece, level);
+        self.rise(&piece, level);
         let before = self.open.len();
         self.gather(level, false);
         if !climbs
@@ -221,23 +227,19 @@ impl Scout {
     }
 
     /// Typical contrast at the top of a piece: robust against single bright pixels.
-    fn height(&mut self, light: &Light<'_>, piece: &Piece) -> f32 {
-        const SAMPLES: u32 = 160;
+    fn height(&mut self, piece: &Piece) -> f32 {
+        const SAMPLES: u32 = 96;
         let stride = (piece.pixels / SAMPLES).max(1);
-        self.tops.clear();
+        let Self { runs, contrasts, tops, .. } = self;
+        tops.clear();
         // Samples go on from run to run, as if all stood in one line.
         let mut next = stride / 2;
-        for run in &self.runs[piece.runs.clone()] {
-            while next < run.pixels() {
-                let contrast = light.at((run.first + next) as usize, run.row as usize * self.step);
-                if contrast >= 0.5 * piece.peak {
-                    self.tops.push(contrast);
-                }
-                next += stride;
-            }
-            next -= run.pixels();
+        for run in &runs[piece.runs.clone()] {
+            let own = of_run(contrasts, run).get(next as usize..).unwrap_or_default();
+            tops.extend(own.iter().step_by(stride as usize));
+            next = (next + own.len().div_ceil(stride as usize) as u32 * stride) - run.pixels();
         }
-        if self.tops.is_empty() { piece.peak } else { quantile(&mut self.tops, TOP) }
+        upper_quantile(tops, 0.5 * piece.peak, TOP).unwrap_or(piece.peak)
     }
 
     /// Makes blobs of a piece at half its height: one if it is convex, else one of every disc in it.
@@ -253,7 +255,9 @@ impl Scout {
                 trees.resize(discs, Tree::default());
                 let before = self.open.len();
                 self.gather(piece.level, false);
-                for part in self.open.split_off(before) {
+                while self.open.len() > before
+                    && let Some(part) = self.open.pop()
+                {
                     blobs.extend(self.blob(light, &part, height, None));
                 }
                 return;
@@ -264,24 +268,29 @@ impl Scout {
 
     /// Measures a piece.
     fn blob(&mut self, light: &Light<'_>, piece: &Piece, height: f32, skirt: Option<&Piece>) -> Option<Blob> {
-        let runs = &self.runs[piece.runs.clone()];
-        let (mut moments, mut upper, mut length) = (Moments::default(), 0, 0.0);
+        let Self { runs, contrasts, lengths, step, .. } = self;
+        let (runs, step) = (&runs[piece.runs.clone()], *step);
+        let (mut moments, mut upper) = (Moments::default(), 0);
         // Places count from the first pixel, where single precision is fine enough.
-        let origin = runs.first().map_or([0.0; 2], |run| [f64::from(run.first), (run.row as usize * self.step) as f64]);
-        for run in runs {
-            self.contrasts.resize(run.pixels() as usize, 0.0);
-            let row = run.row as usize * self.step;
-            light.read(row, run.first as usize, &mut self.contrasts);
-            upper += count_above(&self.contrasts, 0.75 * height);
-            length += length_of(light, row, run, &self.contrasts, piece.level);
-            moments.add(&mut self.contrasts, [f64::from(run.first) - origin[0], row as f64 - origin[1]]);
+        let origin = runs.first().map_or([0.0; 2], |run| [f64::from(run.first), (run.row as usize * step) as f64]);
+        lengths.clear();
+        for row_runs in runs.chunk_by(|a, b| a.row == b.row) {
+            let mut length = 0.0;
+            for run in row_runs {
+                let own = of_run(contrasts, run);
+                upper += count_above(own, 0.75 * height);
+                length += length_of(contrasts, run, light.columns(), piece.level);
+                let row = (run.row as usize * step) as f64;
+                moments.add(own, [f64::from(run.first) - origin[0], row - origin[1]]);
+            }
+            lengths.push(length);
         }
         let Sums { light: sum, first, .. } = moments.sums();
         if sum.is_nan() || sum <= 0.0 {
             return None;
         }
         let centre = [origin[0] + first[0] / sum, origin[1] + first[1] / sum];
-        let step = self.step as u32;
+        let step = step as u32;
         let (columns, rows) = (light.columns() as u32, (light.rows() as u32).div_ceil(step));
         let on_edge = |run: &Run| run.row == 0 || run.first == 0 || run.row + 1 == rows || run.end == columns;
         let farthest2 = |run: &Run| {
@@ -291,7 +300,7 @@ impl Scout {
         Some(Blob {
             centre,
             pixels: (step * piece.pixels) as usize,
-            area: f64::from(step) * length,
+            area: area(lengths, step as usize),
             extent: runs.iter().map(farthest2).fold(0.0, f64::max).sqrt(),
             height,
             edge: edge(
@@ -306,19 +315,23 @@ impl Scout {
     }
 }
 
+/// The contrasts of a run.
+fn of_run<'a>(contrasts: &'a [f32], run: &Run) -> &'a [f32] {
+    &contrasts[run.at as usize..(run.at + run.pixels()) as usize]
+}
+
 /// Length of a run between the places where the contrast passes its level, pixels.
-fn length_of(light: &Light<'_>, row: usize, run: &Run, contrasts: &[f32], level: f32) -> f64 {
+fn length_of(contrasts: &[f32], run: &Run, columns: usize, level: f32) -> f64 {
+    let at = |place: u32| contrasts[place as usize];
     // How far beyond the centre of its last pixel a run reaches; half a pixel where it ends in another feature.
-    let beyond = |inside: Option<&f32>, outside: Option<usize>| {
-        let outside = outside.filter(|column| *column < light.columns()).map(|column| light.at(column, row));
-        match (inside, outside) {
-            (Some(&inside), Some(outside)) if outside <= level => f64::from((inside - level) / (inside - outside)),
-            _ => 0.5,
-        }
+    let beyond = |inside: f32, outside: Option<f32>| match outside {
+        Some(outside) if outside <= level => (inside - level) / (inside - outside),
+        _ => 0.5,
     };
-    let left = beyond(contrasts.first(), (run.first as usize).checked_sub(1));
-    let right = beyond(contrasts.last(), Some(run.end as usize));
-    f64::from(run.pixels()) - 1.0 + left + right
+    let end = run.at + run.pixels();
+    let left = beyond(at(run.at), (run.first > 0).then(|| at(run.at - 1)));
+    let right = beyond(at(end - 1), ((run.end as usize) < columns).then(|| at(end)));
+    f64::from(run.pixels()) - 1.0 + f64::from(left + right)
 }
 
 /// From half the height to the foot of an edge that is blurred over a disc, pixels: from how much wider the feature is

@@ -1,6 +1,6 @@
 //! Pieces of several discs that touch, divided where they are thinnest.
 
-use crate::flood::{FloodRule, flood};
+use crate::flood::{Flood, FloodRule};
 use crate::scout::run::Run;
 
 /// A neck narrower than this share of the thinner disc divides two discs that touch.
@@ -10,6 +10,7 @@ const NECK: f32 = 0.85;
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Necks {
     depth: Vec<f32>,
+    flood: Flood,
 }
 
 impl Necks {
@@ -32,17 +33,17 @@ impl Necks {
             }
         }
         distance_to_edge(&mut self.depth, columns);
-        let basins = flood(&self.depth, columns, FloodRule { floor: 0.0, saddle: NECK, pixels_min: 4 });
+        let count = self.flood.divide(&self.depth, columns, FloodRule { floor: 0.0, saddle: NECK, pixels_min: 4 });
         for run in runs {
             let mut start = run.first;
-            for same in basins.labels[place(run)..][..run.pixels() as usize].chunk_by(|a, b| a == b) {
+            for same in self.flood.labels()[place(run)..][..run.pixels() as usize].chunk_by(|a, b| a == b) {
                 let end = start + same.len() as u32;
-                parts.push(Run { first: start, end, ..*run });
+                parts.push(run.part(start, end));
                 numbers.push(same[0]);
                 start = end;
             }
         }
-        basins.count
+        count
     }
 }
 
@@ -87,7 +88,7 @@ mod tests {
             let mut first = 0;
             for same in line.chunk_by(|a, b| a == b) {
                 let end = first + same.len() as u32;
-                runs.extend(same[0].then_some(Run { row, first, end, peak: 1.0 }));
+                runs.extend(same[0].then_some(Run { row, first, end, at: 0, peak: 1.0 }));
                 first = end;
             }
         }

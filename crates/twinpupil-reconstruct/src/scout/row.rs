@@ -3,32 +3,23 @@
 use multiversion::multiversion;
 
 use crate::scout::light::RowAgainst;
-use crate::scout::run::runs_of_row;
+use crate::scout::run::{Run, runs_of_row};
 
-/// Contrasts of neighbouring pixels of a row, from a column on.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct RowLight<'a> {
-    pub(crate) contrasts: &'a [f32],
-    pub(crate) first: u32,
-}
-
-impl RowLight<'_> {
-    /// Calls `found` with the first column, the column behind the last, and the highest pair of every run above a level.
-    pub(crate) fn runs_above(&self, level: f32, masks: &mut Vec<u16>, mut found: impl FnMut(u32, u32, f32)) {
-        let Self { contrasts, first } = *self;
-        let mut add = |start: usize, end: usize| {
-            found(first + start as u32, first + end as u32, highest_pair(&contrasts[start..end]));
-        };
-        // Most runs stay one, with less on both sides.
-        let Some(start) = contrasts.iter().position(|contrast| *contrast > level) else { return };
-        let end = contrasts.iter().rposition(|contrast| *contrast > level).map_or(start, |last| last + 1);
-        let inside = &contrasts[start..end];
-        if count_above(inside, level) as usize == inside.len() {
-            add(start, end);
-        } else {
-            let against = RowAgainst::Field { line: inside, limit: level };
-            runs_of_row(against, masks, |a, b| add(start + a, start + b));
-        }
+/// Calls `found` with every part of a run above a level; `contrasts` are the run's.
+pub(crate) fn parts_above(run: &Run, contrasts: &[f32], level: f32, masks: &mut Vec<u16>, mut found: impl FnMut(Run)) {
+    let mut add = |start: usize, end: usize| {
+        let peak = highest_pair(&contrasts[start..end]);
+        found(Run { peak, ..run.part(run.first + start as u32, run.first + end as u32) });
+    };
+    // Most runs stay one, with less on both sides.
+    let Some(start) = contrasts.iter().position(|contrast| *contrast > level) else { return };
+    let end = contrasts.iter().rposition(|contrast| *contrast > level).map_or(start, |last| last + 1);
+    let inside = &contrasts[start..end];
+    if count_above(inside, level) as usize == inside.len() {
+        add(start, end);
+    } else {
+        let against = RowAgainst::Field { line: inside, limit: level };
+        runs_of_row(against, masks, |a, b| add(start + a, start + b));
     }
 }
 
@@ -56,25 +47,26 @@ pub(crate) fn highest_pair(contrasts: &[f32]) -> f32 {
     lanes.iter().fold(rest, |peak, lane| higher(peak, *lane))
 }
 
-/// Pixels that are summed side by side.
-pub(crate) const LANES: usize = 8;
+/// Pixels that are summed side by side along a row, and sums that are kept from row to row.
+const LANES: usize = 8;
+const KEPT: usize = 4;
 
 /// Moments of light, summed row by row and in lanes, so that nothing is added up before the end.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Moments {
-    light: [f64; LANES],
-    squares: [f64; LANES],
+    light: [f64; KEPT],
+    squares: [f64; KEPT],
     /// First moments along and across the rows.
-    along: [f64; LANES],
-    across: [f64; LANES],
+    along: [f64; KEPT],
+    across: [f64; KEPT],
     /// Second moments.
-    along2: [f64; LANES],
-    both: [f64; LANES],
-    across2: [f64; LANES],
+    along2: [f64; KEPT],
+    both: [f64; KEPT],
+    across2: [f64; KEPT],
 }
 
 /// [`Moments`] with their lanes added up.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct Sums {
     pub(crate) light: f64,
     pub(crate) squares: f64,
@@ -85,15 +77,13 @@ pub(crate) struct Sums {
 }
 
 impl Moments {
-    /// Adds the pixels of a row whose first lies at `[x, y]`; what fills no lanes is padded with zeros.
-    pub(crate) fn add(&mut self, contrasts: &mut Vec<f32>, place: [f64; 2]) {
-        let padded = contrasts.len().next_multiple_of(LANES);
-        contrasts.resize(padded, 0.0);
+    /// Adds the pixels of a row whose first lies at `[x, y]`.
+    pub(crate) fn add(&mut self, contrasts: &[f32], place: [f64; 2]) {
         add_row(self, contrasts, place);
     }
 
     pub(crate) fn sums(&self) -> Sums {
-        let total = |lanes: &[f64; LANES]| lanes.iter().sum();
+        let total = |lanes: &[f64; KEPT]| lanes.iter().sum();
         Sums {
             light: total(&self.light),
             squares: total(&self.squares),
@@ -108,7 +98,12 @@ fn add_row(moments: &mut Moments, contrasts: &[f32], [x, y]: [f64; 2]) {
     let (mut light, mut squares) = ([0.0_f32; LANES], [0.0_f32; LANES]);
     let (mut along, mut along2) = ([0.0_f32; LANES], [0.0_f32; LANES]);
     let mut places: [f32; LANES] = std::array::from_fn(|lane| x as f32 + lane as f32);
-    for values in contrasts.as_chunks::<LANES>().0 {
+    let (blocks, rest) = contrasts.as_chunks::<LANES>();
+    // What fills no lanes is padded with zeros.
+    let mut last = [0.0; LANES];
+    last[..rest.len()].copy_from_slice(rest);
+    for block in 0..=blocks.len() {
+        let values = blocks.get(block).unwrap_or(&last);
         for lane in 0..LANES {
             let weighted = places[lane] * values[lane];
             light[lane] += values[lane];
@@ -118,12 +113,13 @@ fn add_row(moments: &mut Moments, contrasts: &[f32], [x, y]: [f64; 2]) {
             places[lane] += LANES as f32;
         }
     }
-    for lane in 0..LANES {
-        let (light, along) = (f64::from(light[lane]), f64::from(along[lane]));
+    for lane in 0..KEPT {
+        let folded = |lanes: &[f32; LANES]| f64::from(lanes[lane] + lanes[lane + KEPT]);
+        let (light, along) = (folded(&light), folded(&along));
         moments.light[lane] += light;
-        moments.squares[lane] += f64::from(squares[lane]);
+        moments.squares[lane] += folded(&squares);
         moments.along[lane] += along;
-        moments.along2[lane] += f64::from(along2[lane]);
+        moments.along2[lane] += folded(&along2);
         moments.across[lane] += y * light;
         moments.both[lane] += y * along;
         moments.across2[lane] += y * y * light;
@@ -139,7 +135,7 @@ mod tests {
         let mut moments = Moments::default();
         let (mut light, mut first, mut second, mut squares) = (0.0, [0.0; 2], [0.0; 3], 0.0);
         for (y, length) in [(-1.0, 1_usize), (0.5, 7), (2.0, 8), (3.0, 21)] {
-            let mut line: Vec<f32> = (0..length).map(|k| (k * 7 % 5) as f32).collect();
+            let line: Vec<f32> = (0..length).map(|k| (k * 7 % 5) as f32).collect();
             for (k, value) in line.iter().map(|value| f64::from(*value)).enumerate() {
                 let x = k as f64 - 2.25;
                 light += value;
@@ -147,7 +143,7 @@ mod tests {
                 first = [first[0] + x * value, first[1] + y * value];
                 second = [second[0] + x * x * value, second[1] + x * y * value, second[2] + y * y * value];
             }
-            moments.add(&mut line, [-2.25, y]);
+            moments.add(&line, [-2.25, y]);
         }
         assert_eq!(moments.sums(), Sums { light, squares, first, second });
     }
@@ -166,9 +162,10 @@ mod tests {
     #[test]
     fn a_run_falls_apart_where_it_is_low() {
         let contrasts = [1.0, 5.0, 6.0, 1.0, 7.0, 8.0, 2.0];
-        let mut runs = Vec::new();
-        RowLight { contrasts: &contrasts, first: 10 }
-            .runs_above(3.0, &mut Vec::new(), |a, b, peak| runs.push((a, b, peak)));
-        assert_eq!(runs, [(11, 13, 5.0), (14, 16, 7.0)]);
+        let whole = Run { row: 4, first: 10, end: 17, at: 30, peak: 8.0 };
+        let mut parts = Vec::new();
+        parts_above(&whole, &contrasts, 3.0, &mut Vec::new(), |part| parts.push(part));
+        let part = |first, end, at, peak| Run { row: 4, first, end, at, peak };
+        assert_eq!(parts, [part(11, 13, 31, 5.0), part(14, 16, 34, 7.0)]);
     }
 }

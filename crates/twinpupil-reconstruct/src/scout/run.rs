@@ -9,6 +9,8 @@ pub(crate) struct Run {
     /// First column, and the one behind the last.
     pub(crate) first: u32,
     pub(crate) end: u32,
+    /// Where the contrast of its first pixel stands among those that were kept.
+    pub(crate) at: u32,
     /// The highest contrast that two neighbouring pixels both reach: a single hot pixel has none.
     pub(crate) peak: f32,
 }
@@ -16,6 +18,11 @@ pub(crate) struct Run {
 impl Run {
     pub(crate) fn pixels(&self) -> u32 {
         self.end - self.first
+    }
+
+    /// The part of it between two columns.
+    pub(crate) fn part(&self, first: u32, end: u32) -> Self {
+        Self { first, end, at: self.at + first - self.first, ..*self }
     }
 }
 
@@ -146,7 +153,7 @@ mod tests {
         for (row, text) in (0..).zip(picture) {
             let line: Vec<f32> = text.chars().map(|c| if c == '#' { 2.0 } else { 0.0 }).collect();
             runs_of_row(RowAgainst::Field { line: &line, limit: 1.0 }, &mut masks, |first, end| {
-                runs.push(Run { row, first: first as u32, end: end as u32, peak: 2.0 });
+                runs.push(Run { row, first: first as u32, end: end as u32, at: 0, peak: 2.0 });
             });
         }
         runs

@@ -37,14 +37,17 @@ fn a_disc_is_measured() {
 }
 
 #[test]
-fn every_other_row_tells_nearly_as_much() {
+fn some_rows_tell_nearly_as_much() {
     for discs in [&[(60.3, 50.8, 20.0, 100.0)][..], &[(50.0, 50.0, 20.0, 100.0), (90.0, 52.0, 20.0, 100.0)]] {
-        for (all, half) in find_on(1, discs).iter().zip(&find_on(2, discs)) {
-            assert!((all.centre[0] - half.centre[0]).hypot(all.centre[1] - half.centre[1]) < 0.3, "{all:?} {half:?}");
-            assert!((all.area / half.area - 1.0).abs() < 0.01, "{all:?} {half:?}");
-            assert!((all.edge - half.edge).abs() < 0.5, "{all:?} {half:?}");
+        for step in [2, 3, 4] {
+            for (all, some) in find_on(1, discs).iter().zip(&find_on(step, discs)) {
+                let off = (all.centre[0] - some.centre[0]).hypot(all.centre[1] - some.centre[1]);
+                assert!(off < 0.15 * step as f64, "{all:?} {some:?}");
+                assert!((all.area / some.area - 1.0).abs() < 0.015, "{all:?} {some:?}");
+                assert!((all.edge - some.edge).abs() < 0.6, "{all:?} {some:?}");
+            }
+            assert_eq!(find_on(step, discs).len(), discs.len());
         }
-        assert_eq!(find_on(2, discs).len(), discs.len());
     }
 }
 

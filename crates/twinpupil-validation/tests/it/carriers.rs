@@ -98,7 +98,7 @@ fn model_mode_takes_a_shift_and_refuses_a_turn() {
         None,
         twinpupil_reconstruct::Options { mode: Mode::Model, ..twinpupil_reconstruct::Options::default() },
     );
-    let error = reconstructor.frame(&frame).expect_err("a turn must be refused");
+    let error = reconstructor.reconstruct(&frame).expect_err("a turn must be refused");
     assert_eq!(error, ReconstructError::Registration { band: 1 });
     assert!(error.to_string().starts_with("`band[1].registration` turns or scales; legal in model mode: a shift"));
 

@@ -20,7 +20,7 @@ fn read(instrument: &Instrument, codes: Vec<u16>, mode: Mode) -> Reconstruction 
     let frame = Frame::new(width_px, height_px, instrument.sensor.code_max(), vec![codes]).expect("a frame");
     let table = response_table_for(instrument).expect("traceable");
     let options = Options { mode, ..Options::default() };
-    Reconstructor::new(instrument.clone(), Some(table), options).frame(&frame).expect("the right size")
+    Reconstructor::new(instrument.clone(), Some(table), options).reconstruct(&frame).expect("the right size")
 }
 
 #[test]
@@ -37,7 +37,7 @@ fn constant_frames_hold_nothing() {
 fn a_frame_of_another_size_is_refused() {
     let reconstructor = Reconstructor::new(paper::instrument(), None, Options::default());
     let frame = Frame::new(4, 4, 4095, vec![vec![0; 16]]).expect("a frame");
-    assert!(matches!(reconstructor.frame(&frame), Err(ReconstructError::Size { found_px: [4, 4], .. })));
+    assert!(matches!(reconstructor.reconstruct(&frame), Err(ReconstructError::Size { found_px: [4, 4], .. })));
 }
 
 #[test]
@@ -46,7 +46,7 @@ fn saturated_dots_are_rejected_as_such() {
     let scene = Scene::new(SceneSpec { brightness_e: 80_000.0, ..dots(&[[5.0, 1.0, 300.0]]).spec().clone() });
     let frame = rig.frame(&scene.expect("legal"), Some(1));
     let reconstructor = Reconstructor::new(paper::instrument(), None, Options::default());
-    let result = reconstructor.frame(&frame).expect("a frame of this camera");
+    let result = reconstructor.reconstruct(&frame).expect("a frame of this camera");
     assert!(result.points.is_empty());
     assert_eq!(result.rejected.len(), 2);
     assert!(result.rejected.iter().all(|rejected| rejected.reason == RejectionReason::Saturated));
@@ -63,7 +63,8 @@ fn twenty_thousand_dots_are_all_accounted_for() {
     let spec = SceneSpec { dots: (0..20_000).map(dot).collect(), ..dots(&[]).spec().clone() };
     let frame = rig.frame(&Scene::new(spec).expect("legal"), Some(3));
     // On a lattice of every other pixel most of these are too small to be used, but none is lost.
-    let result = Reconstructor::new(rig.instrument.clone(), None, Options::default()).frame(&frame).expect("a frame");
+    let result =
+        Reconstructor::new(rig.instrument.clone(), None, Options::default()).reconstruct(&frame).expect("a frame");
     for band in ["red", "blue"] {
         let rejected = result.rejected.iter().filter(|rejected| rejected.band == band).count();
         let found = result.points.len() + rejected;

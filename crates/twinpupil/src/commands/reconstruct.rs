@@ -186,7 +186,7 @@ fn reconstruct(reconstructor: &Reconstructor, format: &FrameFormat, files: &Fram
     let start = Instant::now();
     let frame = files.read(format)?;
     let read_seconds = start.elapsed().as_secs_f64();
-    let reconstruction = reconstructor.frame(&frame).with_context(|| files.name.clone())?;
+    let reconstruction = reconstructor.reconstruct(&frame).with_context(|| files.name.clone())?;
     let empty = reconstruction.points.is_empty().then(|| why_empty(&frame, &reconstruction));
     let compute_seconds = start.elapsed().as_secs_f64() - read_seconds;
     Ok(Done { frame: files.name.clone(), reconstruction, empty, read_seconds, compute_seconds })

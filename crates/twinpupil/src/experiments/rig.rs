@@ -54,7 +54,7 @@ impl Rig {
     pub fn reconstruct(&self, frame: &Frame, mode: Mode) -> Result<Reconstruction> {
         let table = (mode != Mode::Paper).then(|| self.table.clone());
         let reconstructor = Reconstructor::new(self.instrument.clone(), table, Options { mode, ..Options::default() });
-        Ok(reconstructor.frame(frame)?)
+        Ok(reconstructor.reconstruct(frame)?)
     }
 
     /// Reads a frame of this camera and compares it with the truth.

@@ -99,7 +99,7 @@ impl Examiner {
             SimulateOptions { pupil_samples: self.pupil_samples, seed: Some(noise_seed), ..SimulateOptions::default() };
         let frame = simulate(&self.instrument, &sheet.scene, &self.response, &options, &|_| ())?.frame;
         let trial = |(mode, reader): &mut (Mode, Reconstructor)| {
-            let Reconstruction { points, rejected, .. } = reader.frame(&frame)?;
+            let Reconstruction { points, rejected, .. } = reader.reconstruct(&frame)?;
             let (dots, false_points) = located(&sheet.dots, &points);
             let lost = rejected.iter().map(|rejection| self.lost(&sheet.dots, rejection)).collect();
             Ok(Trial { sheet: index, seed, mode: *mode, dots, false_points, lost })

@@ -1,0 +1,225 @@
+//! Areas of the pupil by lines across it, for many samples side by side.
+//!
+//! Lines run along the nearest edge of the dot, so that the pupil's disc, a dot behind it and the circle of a mask each
+//! cross a line in one interval. Coordinates are those of the unit disc, the first along the edge's normal.
+
+use std::f32::consts::PI;
+
+use crate::likelihood::light::{EdgeView, Local, Places};
+
+/// Samples side by side.
+pub(crate) const LANES: usize = 16;
+
+/// A number for each of them.
+pub(crate) type Lanes = [f32; LANES];
+
+/// Lines across an area.
+const LINES: usize = 16;
+
+/// Where the lines lie from −1 to 1 and what they count, by the Gauss–Chebyshev rule of the second kind: areas end like
+/// circles.
+const POSITIONS: [f32; LINES] = [
+    0.982_973_1,
+    0.932_472_2,
+    0.850_217_14,
+    0.739_008_9,
+    0.602_634_6,
+    0.445_738_36,
+    0.273_662_99,
+    0.092_268_36,
+    -0.092_268_36,
+    -0.273_662_99,
+    -0.445_738_36,
+    -0.602_634_6,
+    -0.739_008_9,
+    -0.850_217_14,
+    -0.932_472_2,
+    -0.982_973_1,
+];
+const WEIGHTS: [f32; LINES] = [
+    0.033_956_831_5,
+    0.066_757_304,
+    0.097_284_436,
+    0.124_498_664,
+    0.147_473_24,
+    0.165_425_79,
+    0.177_744_963,
+    0.184_011_25,
+    0.184_011_25,
+    0.177_744_963,
+    0.165_425_79,
+    0.147_473_24,
+    0.124_498_664,
+    0.097_284_436,
+    0.066_757_304,
+    0.033_956_831_5,
+];
+
+/// Samples and the edge of the dot that is nearest to each.
+pub(crate) struct Edges {
+    pub(crate) du: Lanes,
+    pub(crate) dv: Lanes,
+    /// Outwards.
+    pub(crate) normal_u: Lanes,
+    pub(crate) normal_v: Lanes,
+    pub(crate) view: [EdgeView; LANES],
+}
+
+/// Circles of a mask's edge as each of the samples sees it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Circles {
+    pub(crate) x: Lanes,
+    pub(crate) y: Lanes,
+    pub(crate) radius: f32,
+}
+
+/// A dot behind the pupil of each sample: `|g₀ + g₁ y| ≤ h₀ + h₁ y` on the line at x, with g₀ and h₀ linear in x.
+///
+/// On a surface that slopes, a pencil meets the dot as a central projection of the pupil, see
+/// [`Pencil::skew`](crate::likelihood::pencil::Pencil::skew).
+pub(crate) struct Dots {
+    start: [Lanes; 2],
+    across: [Lanes; 2],
+    along: [Lanes; 2],
+    radius_px: f32,
+    skew_across: Lanes,
+    skew_along: Lanes,
+    /// The lines that may meet it.
+    low: Lanes,
+    high: Lanes,
+}
+
+impl Edges {
+    /// Of samples with these indices; the last is repeated where there are fewer than lanes.
+    #[inline(always)]
+    pub(crate) fn of(local: &Local, places: &Places, indices: &[u32]) -> Self {
+        let index = |lane: usize| indices[lane.min(indices.len() - 1)] as usize;
+        let (du, dv) = (lanes(|lane| places.du[index(lane)]), lanes(|lane| places.dv[index(lane)]));
+        let view: [EdgeView; LANES] = std::array::from_fn(|lane| EdgeView::at(local, du[lane], dv[lane]));
+        Self { du, dv, normal_u: lanes(|lane| view[lane].normal_u), normal_v: lanes(|lane| view[lane].normal_v), view }
+    }
+
+    /// Of the points that stand for the squares of the pixels, see [`EdgeView::pixel_points`].
+    #[inline(always)]
+    pub(crate) fn of_pixels(&self, number: impl Fn((f32, f32)) -> f32) -> Lanes {
+        lanes(|lane| number(self.view[lane].pixel_points()))
+    }
+}
+
+impl Dots {
+    /// Seen from places that lie so far outwards of the samples.
+    #[inline(always)]
+    pub(crate) fn behind(local: &Local, edges: &Edges, outwards_px: &Lanes) -> Self {
+        let [[xx, xy], [yx, yy]] = local.inverse;
+        let mut dots = Self {
+            start: [[0.0; LANES]; 2],
+            across: [[0.0; LANES]; 2],
+            along: [[0.0; LANES]; 2],
+            radius_px: local.radius_px,
+            skew_across: [0.0; LANES],
+            skew_along: [0.0; LANES],
+            low: [-1.0; LANES],
+            high: [1.0; LANES],
+        };
+        for lane in 0..LANES {
+            let (cos, sin) = (edges.normal_u[lane], edges.normal_v[lane]);
+            let (u, v) = (edges.du[lane] + outwards_px[lane] * cos, edges.dv[lane] + outwards_px[lane] * sin);
+            let turn = |u: f32, v: f32| [xx * u + xy * v, yx * u + yy * v];
+            let start = turn(u, v);
+            let blur_px = local.blur_px + local.blur_growth_px * start[0] / local.radius_px;
+            let skew_across = local.skew[0] * cos + local.skew[1] * sin;
+            let skew_along = local.skew[1] * cos - local.skew[0] * sin;
+            let across = turn(blur_px * cos - skew_across * u, blur_px * sin - skew_across * v);
+            let along = turn(-blur_px * sin - skew_along * u, blur_px * cos - skew_along * v);
+            for axis in 0..2 {
+                dots.start[axis][lane] = start[axis];
+                dots.across[axis][lane] = across[axis];
+                dots.along[axis][lane] = along[axis];
+            }
+            dots.skew_across[lane] = skew_across;
+            dots.skew_along[lane] = skew_along;
+            // No line beyond the edge's tangent meets the dot.
+            let edge = &edges.view[lane];
+            let reach = ((1.0 - edge.q) * edge.px - outwards_px[lane]) / blur_px;
+            let reach = reach + 0.01 * reach.abs().copysign(blur_px);
+            dots.high[lane] = if blur_px > 0.0 { reach.min(1.0) } else { 1.0 };
+            dots.low[lane] = if blur_px > 0.0 { -1.0 } else { reach.max(-1.0) };
+        }
+        dots
+    }
+
+    /// Narrows the intervals of the lines at x to what lies in the dots.
+    #[inline(always)]
+    fn narrow(&self, x: &Lanes, low: &mut Lanes, high: &mut Lanes) {
+        let r = self.radius_px;
+        for lane in 0..LANES {
+            let x = x[lane];
+            let g0 = [0, 1].map(|axis: usize| self.start[axis][lane] + self.across[axis][lane] * x);
+            let g1 = [0, 1].map(|axis: usize| self.along[axis][lane]);
+            let (h0, h1) = (r * (1.0 - self.skew_across[lane] * x), -r * self.skew_along[lane]);
+            let a = (g1[0] * g1[0] + g1[1] * g1[1] - h1 * h1).max(1e-12);
+            let b = g0[0] * g1[0] + g0[1] * g1[1] - h0 * h1;
+            let c = g0[0] * g0[0] + g0[1] * g0[1] - h0 * h0;
+            let apart = b * b - a * c;
+            let root = apart.max(0.0).sqrt();
+            let per_a = 1.0 / a;
+            low[lane] = low[lane].max(if apart > 0.0 { (-b - root) * per_a } else { 1e9 });
+            high[lane] = high[lane].min((-b + root) * per_a);
+        }
+    }
+}
+
+/// Share of the pupils that lies in all `circles`, and in the dots if there are any.
+#[inline(always)]
+pub(crate) fn share(dots: Option<&Dots>, circles: &[Circles]) -> Lanes {
+    let (mut first, mut last) = dots.map_or(([-1.0; LANES], [1.0; LANES]), |dots| (dots.low, dots.high));
+    for circle in circles {
+        for lane in 0..LANES {
+            first[lane] = first[lane].max(circle.x[lane] - circle.radius);
+            last[lane] = last[lane].min(circle.x[lane] + circle.radius);
+        }
+    }
+    let middle = lanes(|lane| 0.5 * (first[lane] + last[lane]));
+    let half = lanes(|lane| (0.5 * (last[lane] - first[lane])).max(0.0));
+    let mut sum = [0.0; LANES];
+    for (position, weight) in POSITIONS.iter().zip(WEIGHTS) {
+        let x = lanes(|lane| middle[lane] + half[lane] * position);
+        let mut high = lanes(|lane| (1.0 - x[lane] * x[lane]).max(0.0).sqrt());
+        let mut low = lanes(|lane| -high[lane]);
+        for circle in circles {
+            let chord = circle.chord(&x);
+            for lane in 0..LANES {
+                low[lane] = low[lane].max(circle.y[lane] - chord[lane]);
+                high[lane] = high[lane].min(circle.y[lane] + chord[lane]);
+            }
+        }
+        if let Some(dots) = dots {
+            dots.narrow(&x, &mut low, &mut high);
+        }
+        for lane in 0..LANES {
+            sum[lane] += weight * (high[lane] - low[lane]).max(0.0);
+        }
+    }
+    lanes(|lane| sum[lane] * half[lane] / PI)
+}
+
+impl Circles {
+    /// Half the length of the lines at x within the circles.
+    #[inline(always)]
+    pub(crate) fn chord(&self, x: &Lanes) -> Lanes {
+        lanes(|lane| {
+            let off = x[lane] - self.x[lane];
+            (self.radius * self.radius - off * off).max(0.0).sqrt()
+        })
+    }
+}
+
+/// The numbers that a function gives for the lanes.
+#[inline(always)]
+pub(crate) fn lanes(number: impl Fn(usize) -> f32) -> Lanes {
+    let mut lanes = [0.0; LANES];
+    for (lane, value) in lanes.iter_mut().enumerate() {
+        *value = number(lane);
+    }
+    lanes
+}
