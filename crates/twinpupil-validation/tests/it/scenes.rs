@@ -141,7 +141,7 @@ fn noise_that_no_file_states_is_read_off_the_frame() {
         for seed in 0..4 {
             let exposure = SimulateOptions { pupil_samples: 256, seed: Some(seed), ..SimulateOptions::default() };
             let frame = simulate(&actual, &scene, &actual.response_matrix(), &exposure, &|_| {}).expect("legal").frame;
-            let points = reconstructor.frame(&frame).expect("a frame of this camera").points;
+            let points = reconstructor.reconstruct(&frame).expect("a frame of this camera").points;
             let middles_mm: Vec<[f64; 3]> = scene.dots().iter().map(|dot| dot.centre_mm).collect();
             for [error_mm, std_mm] in errors_mm(&points, &middles_mm) {
                 squares += (error_mm / std_mm).powi(2);
