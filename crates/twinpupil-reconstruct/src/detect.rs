@@ -75,6 +75,8 @@ pub struct Feature {
     pub edge_px: f64,
     /// Whether a neighbour's light reaches into its window and was taken out.
     pub overlapped: bool,
+    /// Whether part of it reads the largest code: its edges alone tell something.
+    pub saturated: bool,
 }
 
 /// What was found in one plane; every feature is either measured or rejected.
@@ -398,11 +400,16 @@ impl Measure<'_> {
             Some(RejectionReason::TooSmall)
         } else if blob.height < height_min {
             Some(RejectionReason::LowContrast)
-        } else if self.saturated(blob) {
+        } else if !self.edges_tell() && self.saturated(blob) {
             Some(RejectionReason::Saturated)
         } else {
             None
         }
+    }
+
+    /// Whether what comes after makes do with the pixels below the largest code; the ground must be below it.
+    fn edges_tell(&self) -> bool {
+        self.options.estimator == Estimator::Rough && self.ground.polarity == Polarity::Bright
     }
 
     /// More than one pixel in fifty of the blob reads the largest code, or the ground about a dark feature does.
@@ -436,6 +443,7 @@ impl Measure<'_> {
             ground_codes: self.ground.level,
             edge_px: blob.edge * step,
             overlapped,
+            saturated: self.saturated(blob),
         }
     }
 }

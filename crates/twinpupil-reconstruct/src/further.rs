@@ -83,6 +83,7 @@ mod tests {
             ground_codes: 0.0,
             edge_px: 4.0,
             overlapped: false,
+            saturated: false,
         }
     }
 

@@ -36,6 +36,7 @@ mod scout;
 mod shading;
 mod slope;
 mod surface;
+mod transfer;
 mod unmix;
 mod window;
 
@@ -45,7 +46,7 @@ pub use fit::{Estimate, FitError, FitPoint, LineAxis, LineFit, PlaneFit, Quality
 pub use flat::{CrosstalkEstimate, FlatError, estimate_crosstalk};
 pub use further::FurtherImage;
 pub use matching::MatchOptions;
-pub use noise::Noise;
+pub use noise::{Noise, NoiseSource};
 pub use pipeline::{Mode, Options, Point, ReconstructError, Reconstruction, Reconstructor};
 pub use rejection::{Bystander, Rejection, RejectionReason};
 pub use unmix::noise_gain;

@@ -2,6 +2,16 @@
 
 use twinpupil_instrument::Sensor;
 
+/// Where the noise of pixels is known from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum NoiseSource {
+    /// The sensor's figures in the instrument file.
+    #[default]
+    Sensor,
+    /// Every frame itself: how much its flat places scatter. What a frame does not show is as the sensor's figures say.
+    Frame,
+}
+
 /// Variance of a code: a floor from reading and rounding, and a part that grows with the light (photon noise).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Noise {

@@ -14,7 +14,7 @@ use crate::further::{FurtherImage, Group, match_predicted};
 use crate::likelihood::refine::{ForwardModel, Refined, Seed, Workspace};
 use crate::matching::{Epipole, Match, MatchOptions, Matcher};
 use crate::model::{Disc, Model};
-use crate::noise::Noise;
+use crate::noise::{Noise, NoiseSource};
 use crate::planes::Planes;
 use crate::position::{Position, Sighting, first_order_position_mm, gamma, model_position, paper_position};
 use crate::register::{mapped_centre, onto_reference};
@@ -45,6 +45,8 @@ pub struct Options {
     pub detect: DetectOptions,
     /// How features are paired.
     pub matching: MatchOptions,
+    /// Where the noise of pixels is known from.
+    pub noise: NoiseSource,
 }
 
 /// A point in space and what it was computed from.
@@ -123,6 +125,11 @@ struct Placed {
 }
 
 impl Placed {
+    /// Whether the largest code hides how bright it is.
+    fn is_saturated(&self) -> bool {
+        self.point.telecentric.saturated || self.point.entocentric.saturated
+    }
+
     /// The feature that shows it in a band of the model.
     fn feature(&self, band: usize) -> Option<&Feature> {
         match band {
@@ -131,6 +138,34 @@ impl Placed {
             _ => self.further.get(band - 2).and_then(Option::as_ref),
         }
     }
+}
+
+/// How far the centroid of a feature of any shape may jump on a lattice of pixels, px.
+///
+/// Where its edge crosses a line of pixels, the sum over them misses the edge by a wave of the lattice, of which the
+/// pixel's square and the blur of radius b leave a share. With 2R/s lines across an area of radius R, each counting by
+/// its distance from the middle, and twice as much since straight edges miss alike from line to line:
+///
+/// ```text
+/// ε = s/(√2 π) · sinc(1/s) · 2 J₁(2πb/s)/(2πb/s)        σ = 2 ε √(2 s/R)/π
+/// ```
+fn lattice_std_px(feature: &Feature, step_px: f64) -> f64 {
+    use std::f64::consts::{PI, SQRT_2};
+    // At whole pixels the square leaves nothing of a wave along it, but of those across.
+    const SQUARE_MIN: f64 = 0.1;
+    let radius_px = (feature.area_px / PI).sqrt();
+    let wave = PI / step_px;
+    let square = (wave.sin() / wave).abs().max(SQUARE_MIN);
+    // The envelope of Bessel's function.
+    let disc = (1.6 * (2.0 * wave * feature.edge_px).powf(-1.5)).min(1.0);
+    let edge_px = step_px / (SQRT_2 * PI) * square * disc;
+    2.0 * edge_px * (2.0 * step_px / radius_px).sqrt() / PI
+}
+
+/// Contrast of a feature, as a guess where the largest code cuts it off.
+fn probable_height_codes(feature: &Feature) -> f64 {
+    const OVEREXPOSED: f64 = 1.3;
+    if feature.saturated { OVEREXPOSED * feature.height_codes } else { feature.height_codes }
 }
 
 impl Placed {
@@ -260,7 +295,7 @@ impl Reconstructor {
             return Err(ReconstructError::Size { found_px, sensor_px: self.instrument.sensor.size_px });
         }
         let Reading { detectors, detections, placing, fitting, .. } = reading;
-        let planes = Planes::of(&self.instrument, self.crosstalk.as_ref(), frame)?;
+        let planes = self.planes(frame)?;
         // The paper knows of two bands.
         let bands = if self.options.mode == Mode::Paper { 2 } else { self.model.bands() };
         detectors.resize_with(bands, Detector::default);
@@ -294,7 +329,6 @@ impl Reconstructor {
         placing: &mut Placing,
         fitting: &mut Fitting,
     ) {
-        const NOT_A_DISC: f64 = 0.05;
         let background: SmallVec<[f64; 2]> = (detections.iter().zip(planes))
             .map(|(detection, (_, noise))| detection.background_codes - noise.black_level)
             .collect();
@@ -303,9 +337,68 @@ impl Reconstructor {
         self.add_lone_seeds(detections, placing, fitting);
         let Fitting { seeds, workspace, refined, .. } = fitting;
         self.forward.refine(planes, seeds, &background, workspace, refined);
-        for (point, refined) in placing.points.iter_mut().flatten().zip(refined) {
-            if let Some(refined) = refined.take().filter(|refined| refined.misfit < NOT_A_DISC) {
-                self.place(point, &refined);
+        let mut refined = refined.iter_mut();
+        let mut is_other = vec![false; placing.points.len()];
+        for (place, is_other) in placing.points.iter_mut().zip(&mut is_other) {
+            let Some(placed) = place else { continue };
+            let is_saturated = placed.is_saturated();
+            let disc = refined.next().and_then(Option::take).filter(|refined| refined.is_disc(is_saturated));
+            match disc {
+                Some(refined) if !is_saturated || refined.tells_depth() => self.place(placed, &refined),
+                // Moments would believe what the largest code hides.
+                _ if is_saturated => *place = None,
+                _ => *is_other = true,
+            }
+        }
+        if is_other.contains(&true) {
+            let detections: Vec<Detection> =
+                (0..planes.len()).map(|band| self.with_moments(band, &planes[band], &detections[band])).collect();
+            self.place_by_moments(&detections, &placing.groups, &mut placing.points, &is_other);
+        }
+    }
+
+    /// Features that were found before, with the centres of all their light.
+    fn with_moments(&self, band: usize, (plane, noise): &(PlaneView<'_>, Noise), found: &Detection) -> Detection {
+        const SAME: f64 = 1e-6;
+        let mut measured = Detection::default();
+        let options = DetectOptions { estimator: Estimator::Cartesian, ..self.options.detect };
+        Detector::new(options).detect_shaded(plane, Some(noise), self.shading(band, plane), &mut measured);
+        onto_reference(&mut measured, &self.band(band).registration);
+        let mut found = found.clone();
+        for feature in &mut found.features {
+            let away_px =
+                |other: &&Feature| (other.centre.u - feature.centre.u).hypot(other.centre.v - feature.centre.v);
+            let is_same = |other: &&Feature| (other.area_px / feature.area_px - 1.0).abs() < SAME;
+            let same = measured.features.iter().filter(is_same).min_by(|a, b| away_px(a).total_cmp(&away_px(b)));
+            if let Some(same) = same.filter(|same| away_px(same) < feature.area_px.sqrt()) {
+                *feature = *same;
+                let lattice_px = lattice_std_px(feature, plane.step_px as f64);
+                feature.centre_std_px = feature.centre_std_px.map(|std_px| std_px.hypot(lattice_px));
+            }
+        }
+        found
+    }
+
+    /// Places points by the centroids of their features, as centroid mode does.
+    fn place_by_moments(
+        &self,
+        detections: &[Detection],
+        groups: &[Group],
+        points: &mut [Option<Placed>],
+        is_other: &[bool],
+    ) {
+        let mut sightings = Vec::new();
+        for ((place, group), _) in points.iter_mut().zip(groups).zip(is_other).filter(|(_, is_other)| **is_other) {
+            if let Some(again) = self.point(detections, group, &mut sightings) {
+                *place = Some(again);
+            }
+        }
+        let mut slopes = Slopes::default();
+        slopes.lay_through(points.iter().flatten().map(|placed| placed.point.position_mm), NEIGHBOURS);
+        for (placed, _) in points.iter_mut().zip(is_other).filter(|(_, is_other)| **is_other) {
+            if let Some(placed) = placed {
+                let slopes = slopes.at(placed.point.position_mm).unwrap_or_default();
+                self.place_again(placed, slopes, &mut sightings);
             }
         }
     }
@@ -340,7 +433,9 @@ impl Reconstructor {
 
     /// Adds the features of one band that became no point, as dots somewhere along the line of sight.
     fn add_lone_seeds(&self, detections: &[Detection], placing: &Placing, fitting: &mut Fitting) {
+        const WIDEST_SHARE: f64 = 0.5;
         let Fitting { seeds, depths_mm, is_shown, .. } = fitting;
+        let height_px = self.instrument.sensor.size_px[0].min(self.instrument.sensor.size_px[1]) as f64;
         depths_mm.clear();
         depths_mm.extend(placing.points.iter().flatten().map(|placed| placed.point.position_mm[2]));
         depths_mm.sort_unstable_by(f64::total_cmp);
@@ -358,14 +453,19 @@ impl Reconstructor {
                 let image = self.instrument.sensor.image_from_pixel(feature.centre);
                 let m = self.model.magnification(band, z_mm);
                 let diameter_px = 2.0 * (feature.area_px / std::f64::consts::PI).sqrt();
+                // What fills the frame is no dot whose skirts could matter.
+                if diameter_px > WIDEST_SHARE * height_px {
+                    continue;
+                }
                 let mut contrast = SmallVec::from_elem(None, detections.len());
-                contrast[band] = Some(sign(detection) * feature.height_codes);
+                contrast[band] = Some(sign(detection) * probable_height_codes(feature));
                 seeds.push(Seed {
                     centre_mm: [image.x_mm / m, image.y_mm / m, z_mm],
                     diameter_mm: (diameter_px * self.instrument.sensor.pitch_mm / m).max(1e-3),
                     contrast,
                     placed: false,
                     doubtful: true,
+                    saturated: feature.saturated,
                 });
             }
         }
@@ -396,12 +496,16 @@ impl Reconstructor {
 
     /// The features of a band, by its index in the instrument; none where there is no such band.
     pub fn detect_band(&self, frame: &Frame, index: usize) -> Result<Detection, FrameError> {
-        let planes = Planes::of(&self.instrument, self.crosstalk.as_ref(), frame.into())?;
+        let planes = self.planes(frame.into())?;
         let mut detection = Detection::default();
         if let Some(band) = (0..self.model.bands()).find(|band| self.model.index(*band) == index) {
             self.detect_plane(&planes, band, &mut Detector::default(), &mut detection)?;
         }
         Ok(detection)
+    }
+
+    fn planes<'a>(&'a self, frame: FrameView<'a>) -> Result<Planes<'a>, FrameError> {
+        Planes::of(&self.instrument, self.crosstalk.as_ref(), frame, self.options.noise)
     }
 
     fn detect_plane(
@@ -446,6 +550,7 @@ impl Reconstructor {
             let name = &self.band(band).name;
             rejected.extend(detection.rejected.iter().map(|bystander| bystander.rejection(name)));
             rejected.extend(detection.features.iter().zip(fates).filter_map(|(feature, fate)| {
+                let fate = if feature.saturated { fate.and(Some(RejectionReason::Saturated)) } else { fate };
                 Some(Rejection {
                     band: name.clone(),
                     position: feature.centre,
@@ -600,13 +705,14 @@ fn seed(placed: &Placed, detections: &[Detection]) -> Seed {
     let contrasts = detections
         .iter()
         .enumerate()
-        .map(|(band, detection)| placed.feature(band).map(|feature| sign(detection) * feature.height_codes));
+        .map(|(band, detection)| placed.feature(band).map(|feature| sign(detection) * probable_height_codes(feature)));
     Seed {
         centre_mm: placed.point.position_mm,
         diameter_mm: placed.point.diameter_mm,
         contrast: contrasts.collect(),
         placed: true,
-        doubtful: placed.point.telecentric.overlapped || placed.point.entocentric.overlapped,
+        doubtful: placed.point.telecentric.overlapped || placed.point.entocentric.overlapped || placed.is_saturated(),
+        saturated: placed.is_saturated(),
     }
 }
 

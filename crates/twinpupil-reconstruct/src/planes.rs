@@ -3,7 +3,7 @@
 use smallvec::SmallVec;
 use twinpupil_instrument::{Frame, FrameError, FrameView, Instrument, PlaneView};
 
-use crate::noise::Noise;
+use crate::noise::{Noise, NoiseSource};
 use crate::unmix::Crosstalk;
 
 /// A frame without crosstalk.
@@ -25,14 +25,28 @@ impl<'a> Planes<'a> {
         instrument: &'a Instrument,
         crosstalk: Option<&Crosstalk>,
         frame: FrameView<'a>,
+        source: NoiseSource,
     ) -> Result<Self, FrameError> {
         let noise = Noise::of_sensor(&instrument.sensor, frame.code_max());
-        let Some(crosstalk) = crosstalk else {
-            let noises = SmallVec::from_elem(noise, instrument.bands.len());
-            return Ok(Self { instrument, codes: Codes::AsRead(frame), noises });
+        let bands = 0..instrument.bands.len();
+        let planes = match crosstalk {
+            None => Self {
+                instrument,
+                codes: Codes::AsRead(frame),
+                noises: SmallVec::from_elem(noise, instrument.bands.len()),
+            },
+            Some(crosstalk) => Self {
+                instrument,
+                codes: Codes::Unmixed(crosstalk.unmixed(frame, instrument)?),
+                noises: bands.clone().map(|band| crosstalk.noise(band, noise)).collect(),
+            },
         };
-        let noises = (0..instrument.bands.len()).map(|band| crosstalk.noise(band, noise)).collect();
-        Ok(Self { instrument, codes: Codes::Unmixed(crosstalk.unmixed(frame, instrument)?), noises })
+        if source == NoiseSource::Sensor {
+            return Ok(planes);
+        }
+        let shown = |band: usize| planes.of_band(band).map(|(plane, stated)| Noise::of_plane(&plane, &stated));
+        let noises = bands.map(shown).collect::<Result<_, _>>()?;
+        Ok(Self { noises, ..planes })
     }
 
     /// The plane of a band, by its index in the instrument.

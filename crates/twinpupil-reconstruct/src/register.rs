@@ -54,6 +54,7 @@ mod tests {
             ground_codes: 0.0,
             edge_px: 4.0,
             overlapped: false,
+            saturated: false,
         };
         let mapped = mapped(&feature, &turn);
         assert_eq!(mapped.centre, PixelPoint { u: 92.0, v: 6.0 });

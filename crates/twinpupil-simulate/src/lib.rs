@@ -9,8 +9,10 @@
 
 mod bound;
 mod bundle;
+mod defects;
 mod disc;
 mod dot;
+mod illumination;
 mod index;
 mod light;
 mod packing;
@@ -27,7 +29,9 @@ mod simulate;
 mod texture;
 
 pub use bound::{Bound, DotInformation, dot_bounds};
+pub use defects::Defects;
 pub use dot::{Dot, DotSpec};
+pub use illumination::Illumination;
 pub use packing::{PackingError, RandomDots};
 pub use plate::{DotGrid, ImagePattern, Pattern, Plate, Pose, TiltAxis};
 pub use sampling::PUPIL_SAMPLES_MAX;

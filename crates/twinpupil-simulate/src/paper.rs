@@ -71,6 +71,7 @@ fn empty(name: &str, seed: u64) -> SceneSpec {
         seed,
         background_e: 0.0,
         brightness_e: 20_000.0,
+        illumination: None,
         dots: Vec::new(),
         plate: None,
     }

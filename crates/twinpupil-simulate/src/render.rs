@@ -2,13 +2,15 @@
 
 use rayon::prelude::*;
 use twinpupil_instrument::{ImagePoint, Instrument, PixelPoint, Projection, Registration, Sensor};
-use twinpupil_optics::{BandOptics, Camera, ObjectRays, RayLedger, RayStarts};
+use twinpupil_optics::{BandOptics, Camera, Footprint, ObjectRays, RayLedger, RayStarts};
 
 use crate::bundle::{Bundle, Sight};
 use crate::disc::Disc;
 use crate::dot::Dot;
+use crate::illumination::Illumination;
 use crate::index::DotIndex;
 use crate::light::{covered_light, sum};
+use crate::plate::Pose;
 use crate::progress::Progress;
 use crate::ray::Ray;
 use crate::sampling::{PUPIL_SAMPLES_MAX, SampleBank, SampleSet, pupil_cell};
@@ -60,8 +62,8 @@ pub(crate) struct BandView<'a> {
 /// What a bundle of rays meets.
 #[derive(Default)]
 struct Prospect {
-    /// Some dot fills it, and no picture stands in between.
-    filled: bool,
+    /// A dot fills it, and no picture stands in between.
+    filled: Option<usize>,
     /// The picture may be in it.
     picture: bool,
     /// Dots that rays may or may not hit.
@@ -147,7 +149,7 @@ impl<'a> Renderer<'a> {
         if uniform_e == Some(0.0) {
             return;
         }
-        let unclipped_e = uniform_e.filter(|_| bundle.is_unclipped());
+        let unclipped_e = uniform_e.filter(|_| self.scene.illumination.is_none() && bundle.is_unclipped());
         for (row, pixels) in (row_first..).zip(rows.chunks_exact_mut(width_px)) {
             for column in columns.clone().filter(|column| wanted[row % 2][column % 2]) {
                 pixels[column] = unclipped_e.unwrap_or_else(|| self.pixel(band, column, row, &bundle, workspace));
@@ -163,14 +165,18 @@ impl<'a> Renderer<'a> {
         self.look_closer(band, &bundle, tile, pixel);
         match self.uniform_e(pixel) {
             Some(0.0) => 0.0,
-            Some(electrons) if bundle.is_unclipped() => electrons,
+            Some(electrons) if bundle.is_unclipped() => match &self.scene.illumination {
+                None => electrons,
+                Some(light) => electrons * self.light_on(&bundle, light, pixel.filled),
+            },
             uniform_e => {
                 let (bank, discs) = self.sampling(band, &bundle);
                 let samples = bank.of_pixel(band, column, row);
                 self.trace(&bundle, samples, workspace);
-                match uniform_e {
-                    Some(electrons) => electrons * sum(&workspace.rays.weight) / samples.len() as f64,
-                    None => self.sampled_e(band, samples, discs, workspace),
+                match (&self.scene.illumination, uniform_e) {
+                    (Some(light), _) => self.unevenly_lit_e(band, light, samples, discs, workspace),
+                    (None, Some(electrons)) => electrons * sum(&workspace.rays.weight) / samples.len() as f64,
+                    (None, None) => self.sampled_e(band, samples, discs, workspace),
                 }
             }
         }
@@ -224,18 +230,18 @@ impl<'a> Renderer<'a> {
     fn look_closer(&self, band: usize, bundle: &Bundle<'_>, tile: &Prospect, pixel: &mut Prospect) {
         let picture = tile.picture && self.scene.texture().is_some_and(|texture| may_meet(bundle, texture));
         self.look_at(band, bundle, &tile.dots, picture, pixel);
-        pixel.filled |= tile.filled;
+        pixel.filled = pixel.filled.or(tile.filled);
     }
 
     fn look_at(&self, band: usize, bundle: &Bundle<'_>, dots: &[usize], picture: bool, prospect: &mut Prospect) {
         prospect.dots.clear();
-        prospect.filled = false;
+        prospect.filled = None;
         prospect.picture = picture;
         for &id in dots {
             match bundle.sight(&self.scene.dots()[id], self.bands[band].discs[id].shadow_mm) {
                 Sight::Beside => {}
                 // Only the rays can tell whether the picture hides the dot.
-                Sight::Within if !picture => prospect.filled = true,
+                Sight::Within if !picture => prospect.filled = Some(id),
                 _ => prospect.dots.push(id),
             }
         }
@@ -244,7 +250,7 @@ impl<'a> Renderer<'a> {
     /// The radiance that all rays bring back, if it is the same for all.
     fn uniform_e(&self, prospect: &Prospect) -> Option<f64> {
         match prospect {
-            Prospect { filled: true, .. } => Some(self.scene.brightness_e),
+            Prospect { filled: Some(_), .. } => Some(self.scene.brightness_e),
             Prospect { picture: false, dots, .. } if dots.is_empty() => Some(self.scene.background_e),
             _ => None,
         }
@@ -286,6 +292,75 @@ impl<'a> Renderer<'a> {
                 behind_e + (feature_e - behind_e) * covered.min(1.0)
             }),
         };
+        total_e / samples.len() as f64
+    }
+}
+
+impl Renderer<'_> {
+    /// Relative light where the middle of a bundle meets a dot, or the ground: where the light grows evenly, that is
+    /// its mean over the bundle.
+    pub(crate) fn light_on(&self, bundle: &Bundle<'_>, light: &Illumination, dot: Option<usize>) -> f64 {
+        const ROUNDS: usize = 4;
+        let (point_mm, slope) = self.surface(dot);
+        let mut z_mm = point_mm[2];
+        let mut place_mm = [0.0; 2];
+        // On a plane that leans, the distance follows from the place.
+        for _ in 0..ROUNDS {
+            let Footprint { x_mm, y_mm, .. } = bundle.pencil.footprint(z_mm);
+            place_mm = [x_mm, y_mm];
+            z_mm = point_mm[2] + slope[0] * (x_mm - point_mm[0]) + slope[1] * (y_mm - point_mm[1]);
+        }
+        light.at(place_mm)
+    }
+
+    /// A point of the plane of a dot, or of the ground, and its slopes.
+    fn surface(&self, dot: Option<usize>) -> ([f64; 3], [f64; 2]) {
+        match dot.map(|id| &self.scene.dots()[id]) {
+            Some(Dot { centre_mm, normal: [nx, ny, nz], .. }) => (*centre_mm, [-nx / nz, -ny / nz]),
+            None => {
+                let Pose { distance_mm, slope } = self.scene.ground();
+                ([0.0, 0.0, distance_mm], slope)
+            }
+        }
+    }
+
+    /// [`Renderer::sampled_e`] where light falls unevenly: every ray brings what falls on the surface that it meets.
+    fn unevenly_lit_e(
+        &self,
+        band: usize,
+        light: &Illumination,
+        samples: &SampleSet,
+        discs: &[Disc],
+        workspace: &mut Workspace,
+    ) -> f64 {
+        let Workspace { pixel, rays, .. } = workspace;
+        let view = &self.bands[band];
+        let (ground_e, feature_e) = (self.scene.background_e, self.scene.brightness_e);
+        let (ground_mm, ground_slope) = self.surface(None);
+        let filled = pixel.filled.map(|id| self.surface(Some(id)));
+        let total_e = weighted_sum(rays, |index| {
+            let ray = Ray::of(rays, index);
+            if let Some((point_mm, slope)) = filled {
+                return feature_e * light.at(ray.at(ray.meets_plane(point_mm, slope)));
+            }
+            let offset_px = [samples.offset_u_px[index], samples.offset_v_px[index]];
+            let picture = self.scene.texture().filter(|_| pixel.picture);
+            let hit = picture.map(|texture| view.picture_hit(texture, &ray, offset_px));
+            let (value, picture_z_mm) = hit.map_or((0.0, f64::INFINITY), |hit| (hit.value, hit.z_mm));
+            let behind_e = (ground_e + (feature_e - ground_e) * value)
+                * light.at(ray.at(ray.meets_plane(ground_mm, ground_slope)));
+            let (mut covered, mut lit) = (0.0, 0.0);
+            for &id in &pixel.dots {
+                let (coverage, z_mm) = discs[id].coverage(&ray);
+                if z_mm < picture_z_mm {
+                    covered += coverage;
+                    lit += coverage * light.at(ray.at(z_mm));
+                }
+            }
+            // Dots that overlap in the image cover no more than all.
+            let share = 1.0 / f64::max(covered, 1.0);
+            behind_e * (1.0 - covered * share) + feature_e * lit * share
+        });
         total_e / samples.len() as f64
     }
 }

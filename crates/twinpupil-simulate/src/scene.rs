@@ -8,8 +8,9 @@ use thiserror::Error;
 use twinpupil_instrument::check::{self, SyntaxError, ValueError, positive, within};
 
 use crate::dot::{Dot, DotSpec};
+use crate::illumination::Illumination;
 use crate::packing::PackingError;
-use crate::plate::{Pattern, Plate};
+use crate::plate::{Pattern, Plate, Pose};
 use crate::texture::{Picture, Texture};
 
 /// The most dots that a scene may have.
@@ -52,6 +53,9 @@ pub struct SceneSpec {
     /// Electrons that a feature puts into a pixel which sees the whole pupil; below `background_e` for dark features.
     #[serde(default = "default_brightness_e")]
     pub brightness_e: f64,
+    /// Uneven light, which falls on features and ground alike; the electrons above are those on the axis.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub illumination: Option<Illumination>,
     /// Dots that face the camera.
     #[serde(default, rename = "dot", skip_serializing_if = "Vec::is_empty")]
     pub dots: Vec<DotSpec>,
@@ -90,6 +94,9 @@ impl Scene {
         }
         within("background_e", spec.background_e, 0.0, ELECTRONS_MAX)?;
         within("brightness_e", spec.brightness_e, 0.0, ELECTRONS_MAX)?;
+        if let Some(illumination) = &spec.illumination {
+            illumination.check()?;
+        }
         let count = spec.dots.len().saturating_add(spec.plate.as_ref().map_or(0, Plate::dot_count));
         if count > DOT_COUNT_MAX {
             return Err(ValueError::new("number of dots", count, format!("0 to {DOT_COUNT_MAX}")).into());
@@ -152,6 +159,13 @@ impl Scene {
         Ok(self)
     }
 
+    /// The plane on which light falls where there is no dot: the plate's, or one that faces the camera in the middle of
+    /// the dots' depths.
+    pub(crate) fn ground(&self) -> Pose {
+        let mean_mm = self.dots.iter().map(|dot| dot.centre_mm[2]).sum::<f64>() / self.dots.len().max(1) as f64;
+        self.plate.as_ref().map_or(Pose { distance_mm: mean_mm, slope: [0.0; 2] }, Plate::pose)
+    }
+
     /// The plate's picture, once it has been handed over.
     pub fn texture(&self) -> Option<&Texture> {
         self.texture.as_ref()
@@ -204,6 +218,12 @@ mod tests {
             (RANDOM, "tilt_deg = 30.0", "tilt_deg = 90", "`plate.tilt_deg` is 90; legal: -85 to 85"),
             (RANDOM, "r_max_mm = 7.5", "r_max_mm = 1.5", "`plate.r_max_mm` is 1.5; legal: 2 to"),
             (RANDOM, "gap_mm = 0.3", "gap_mm = -0.3", "`plate.gap_mm` is -0.3"),
+            (
+                RANDOM,
+                "[plate]",
+                "[illumination]\ngrowth_per_mm = [0, nan]\n[plate]",
+                "`illumination.growth_per_mm[1]` is",
+            ),
             (RANDOM, "diameter_mm = 1.0", "diameter_mm = 0", "`plate.diameter_mm` is 0"),
             (RANDOM, "count = 20", "count = 200000", "`number of dots` is 200001; legal: 0 to 200000"),
             (RANDOM, "r_max_mm = 7.5", "r_max_mm = 600", "must lie before the lens"),

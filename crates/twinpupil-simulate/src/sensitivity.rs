@@ -171,7 +171,8 @@ impl Renderer<'_> {
                 is_seen |= covered > 0.0;
                 is_cut |= covered > 0.0 && patch.is_outermost(pixel, self.sensor.size_px);
                 let [x, y, z, diameter] = shared.map(|derivative| contrast_e * derivative);
-                [x, y, z, diameter, covered, light].map(|derivative| response * derivative)
+                let lit = self.scene.illumination.map_or(1.0, |lit| self.light_on(&bundle, &lit, Some(id)));
+                [x, y, z, diameter, covered, light].map(|derivative| response * lit * derivative)
             })
             .collect();
         Sensitivity { patch, derivatives, is_whole: is_seen && !is_cut }

@@ -6,6 +6,7 @@ use twinpupil_instrument::check::ValueError;
 use twinpupil_instrument::{Frame, FrameError, Instrument, Registration, ResponseMatrix};
 use twinpupil_optics::{Camera, OpticsError, RayLedger};
 
+use crate::defects::Defects;
 use crate::progress::Progress;
 use crate::render::{Renderer, TILE_PX, WantedCell};
 use crate::sampling::PUPIL_SAMPLES_MAX;
@@ -16,7 +17,7 @@ use crate::sensor::{expected_codes, noisy_codes};
 const PIXELS_MAX: usize = 1 << 27;
 
 /// How a frame is simulated.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SimulateOptions {
     /// Rays over the pupil for every pixel and band that needs them, 1 to 65536. Powers of two are spread best. The
     /// default, 1024, leaves an error below the noise of 20 000 electrons, also in the dim feet of wide edges, where 256
@@ -26,11 +27,13 @@ pub struct SimulateOptions {
     pub noiseless: bool,
     /// Seed of the sensor's noise; the scene's if left out.
     pub seed: Option<u64>,
+    /// Pixels that do not answer to light.
+    pub defects: Defects,
 }
 
 impl Default for SimulateOptions {
     fn default() -> Self {
-        Self { pupil_samples: 1024, noiseless: false, seed: None }
+        Self { pupil_samples: 1024, noiseless: false, seed: None, defects: Defects::default() }
     }
 }
 
@@ -82,13 +85,20 @@ pub fn simulate(
     options: &SimulateOptions,
     progress: &(dyn Fn(f64) + Sync),
 ) -> Result<Simulation, SimulateError> {
+    options.defects.check()?;
     let Expectation { pages, ledger } =
         expected_electrons(instrument, scene, response, options.pupil_samples, progress)?;
     let sensor = &instrument.sensor;
     let seed = options.seed.unwrap_or(scene.seed);
-    let codes = |(page, electrons): (usize, &Vec<f64>)| match options.noiseless {
-        true => expected_codes(sensor, electrons),
-        false => noisy_codes(sensor, electrons, page, seed),
+    let codes = |(page, electrons): (usize, &Vec<f64>)| {
+        let mut codes = match options.noiseless {
+            true => expected_codes(sensor, electrons),
+            false => noisy_codes(sensor, electrons, page, seed),
+        };
+        if options.defects.dead + options.defects.hot > 0.0 {
+            options.defects.strike(sensor, page, &mut codes);
+        }
+        codes
     };
     let codes = pages.iter().enumerate().map(codes).collect();
     let [width_px, height_px] = sensor.size_px;

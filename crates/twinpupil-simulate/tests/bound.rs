@@ -33,7 +33,9 @@ fn scene(dots: &[[f64; 4]], background_e: f64, brightness_e: f64) -> Scene {
     let dot = |&[x_mm, y_mm, z_mm, diameter_mm]: &[f64; 4]| DotSpec { x_mm, y_mm, z_mm, diameter_mm };
     let dots = dots.iter().map(dot).collect();
     let name = "test".to_owned();
-    Scene::new(SceneSpec { schema: 1, name, seed: 1, background_e, brightness_e, dots, plate: None }).unwrap()
+    let light =
+        SceneSpec { schema: 1, name, seed: 1, background_e, brightness_e, illumination: None, dots, plate: None };
+    Scene::new(light).unwrap()
 }
 
 fn information(instrument: &Instrument, scene: &Scene) -> DotInformation {

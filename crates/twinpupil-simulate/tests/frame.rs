@@ -5,9 +5,14 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use twinpupil_instrument::{Instrument, Mosaic, ResponseMatrix, paper as paper_instrument};
-use twinpupil_simulate::{Scene, SimulateError, SimulateOptions, Simulation, paper, simulate};
+use twinpupil_simulate::{Defects, Scene, SimulateError, SimulateOptions, Simulation, paper, simulate};
 
-const FAST: SimulateOptions = SimulateOptions { pupil_samples: 16, noiseless: false, seed: None };
+const FAST: SimulateOptions = SimulateOptions {
+    pupil_samples: 16,
+    noiseless: false,
+    seed: None,
+    defects: Defects { dead: 0.0, hot: 0.0, seed: 0 },
+};
 
 /// The middle of the paper's sensor.
 fn small(mosaic: Mosaic) -> Instrument {

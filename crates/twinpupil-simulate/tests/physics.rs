@@ -42,6 +42,7 @@ fn spec(dots: Vec<DotSpec>) -> SceneSpec {
         seed: 1,
         background_e: 0.0,
         brightness_e: BRIGHTNESS_E,
+        illumination: None,
         dots,
         plate: None,
     }

@@ -6,3 +6,4 @@ pub mod limit;
 pub mod plates;
 pub mod rig;
 pub mod rings;
+pub mod scenes;

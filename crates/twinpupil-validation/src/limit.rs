@@ -1,9 +1,10 @@
 //! Errors beside the Cramér–Rao bound of the very frames on which they were made.
 
+use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
 use twinpupil_instrument::{Instrument, Lens, Mosaic, paper};
-use twinpupil_reconstruct::{FitPoint, LineAxis, Mode, fit_line};
+use twinpupil_reconstruct::{FitPoint, LineAxis, Mode, Reconstruction, fit_line};
 use twinpupil_simulate::{Scene, SceneSpec, dot_bounds};
 
 use crate::plates::{Pose, is_near, rms};
@@ -49,6 +50,8 @@ pub struct Score {
     pub found: Vec<Error>,
     /// Points that belong to no dot.
     pub false_points: usize,
+    /// Features that became no point, by their reason.
+    pub rejected: BTreeMap<&'static str, usize>,
     /// Root mean square of error over reported deviation, frame by frame.
     pub pulls: Vec<f64>,
     /// Error of the fitted tilt, degrees, and R² of the fit, frame by frame.
@@ -82,8 +85,11 @@ impl Score {
         let bounds = dot_bounds(&rig.instrument, scene, &rig.response, PUPIL_SAMPLES).expect("the scene can be seen");
         let frame = rig.frame(scene, Some(seed));
         let start = Instant::now();
-        let points = rig.points(&frame);
+        let Reconstruction { points, rejected, .. } = rig.read(&frame);
         let mut score = Self { times: vec![start.elapsed()], ..Self::default() };
+        for rejection in &rejected {
+            *score.rejected.entry(rejection.reason.name()).or_default() += 1;
+        }
         for (dot, bound) in scene.dots().iter().zip(&bounds) {
             let Some(bound) = bound.filter(|_| dot.centre_mm[0].hypot(dot.centre_mm[1]) >= R_MIN_MM) else { continue };
             score.whole += 1;
@@ -118,6 +124,9 @@ impl Score {
         self.whole += other.whole;
         self.found.extend(other.found);
         self.false_points += other.false_points;
+        for (reason, count) in other.rejected {
+            *self.rejected.entry(reason).or_default() += count;
+        }
         self.pulls.extend(other.pulls);
         self.tilts.extend(other.tilts);
         self.times.extend(other.times);

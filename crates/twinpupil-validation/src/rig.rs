@@ -3,7 +3,7 @@
 use twinpupil_instrument::{Frame, Instrument, ResponseMatrix};
 use twinpupil_optics::response_table_for;
 use twinpupil_reconstruct::{Mode, Options, Point, Reconstruction, Reconstructor};
-use twinpupil_simulate::{DotSpec, Scene, SceneSpec, SimulateOptions, simulate};
+use twinpupil_simulate::{Defects, DotSpec, Scene, SceneSpec, SimulateOptions, simulate};
 
 /// An instrument with a way to simulate and a way to read its frames.
 #[derive(Debug)]
@@ -12,6 +12,8 @@ pub struct Rig {
     pub instrument: Instrument,
     pub(crate) response: ResponseMatrix,
     reconstructor: Reconstructor,
+    /// Pixels of its sensor that do not answer to light.
+    pub defects: Defects,
 }
 
 impl Rig {
@@ -32,7 +34,7 @@ impl Rig {
         let table = response_table_for(&instrument).expect("the instrument can be traced");
         let options = Options { mode, ..Options::default() };
         let reconstructor = Reconstructor::new(instrument.clone(), Some(table), options).unmixing(&response);
-        Self { instrument, response, reconstructor }
+        Self { instrument, response, reconstructor, defects: Defects::default() }
     }
 
     /// A frame of a scene, noisy if there is a seed.
@@ -40,8 +42,12 @@ impl Rig {
     /// # Panics
     /// If the scene cannot be simulated.
     pub fn frame(&self, scene: &Scene, noise_seed: Option<u64>) -> Frame {
-        let options =
-            SimulateOptions { noiseless: noise_seed.is_none(), seed: noise_seed, ..SimulateOptions::default() };
+        let options = SimulateOptions {
+            noiseless: noise_seed.is_none(),
+            seed: noise_seed,
+            defects: self.defects,
+            ..SimulateOptions::default()
+        };
         simulate(&self.instrument, scene, &self.response, &options, &|_| {}).expect("the scene can be simulated").frame
     }
 
@@ -107,6 +113,7 @@ pub fn dots(centres_mm: &[[f64; 3]]) -> Scene {
         seed: 0,
         background_e: 0.0,
         brightness_e: 20_000.0,
+        illumination: None,
         dots: centres_mm.iter().map(dot).collect(),
         plate: None,
     })

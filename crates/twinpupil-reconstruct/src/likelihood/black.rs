@@ -91,7 +91,7 @@ impl Black {
 }
 
 /// Mean above the black level and variance of the code of a pixel with some light above black.
-fn moments(light: f64, noise: &Noise) -> (f64, f64) {
+pub(crate) fn moments(light: f64, noise: &Noise) -> (f64, f64) {
     const ROUNDING: f64 = 1.0 / 12.0;
     let sigma = (noise.floor_codes2 - ROUNDING + noise.slope_codes * light.max(0.0)).max(1e-4).sqrt();
     let centre = light + noise.black_level;

@@ -4,6 +4,7 @@ use nalgebra::{Cholesky, Const, Matrix3, Matrix4, SVector, Vector3, Vector4, Vec
 use smallvec::SmallVec;
 use twinpupil_instrument::PixelPoint;
 
+use crate::likelihood::illumination::shift_px;
 use crate::likelihood::normal::{Normal, Shape};
 use crate::likelihood::samples::{Share, Window};
 use crate::likelihood::spot::{Dot, Spot, SpotJacobian};
@@ -28,6 +29,8 @@ pub(crate) struct Body {
     pub(crate) rounds: usize,
     /// Whether it may be far from its place at first.
     pub(crate) doubtful: bool,
+    /// Whether the largest code hides how bright it is.
+    pub(crate) saturated: bool,
     /// Whether pixels that do not fit were left out in the last round.
     pub(crate) masked: bool,
     /// How many of its rows were looked at in the last round, and are to be in the next.
@@ -46,6 +49,8 @@ pub(crate) struct Body {
 pub(crate) struct BandLight {
     /// Its light less that of the ground, codes.
     pub(crate) contrast: f64,
+    /// What it was thought to be at first, codes.
+    first_contrast: f64,
     /// The ground about it, codes above black.
     pub(crate) background: f64,
     /// Growth of the illumination along u and v, relative, 1/px.
@@ -75,6 +80,7 @@ impl BandLight {
     pub(crate) fn new(contrast: f64, background: f64, (spot, jacobian): (Spot, SpotJacobian)) -> Self {
         Self {
             contrast,
+            first_contrast: contrast,
             background,
             illumination_slope: [0.0; 2],
             spot,
@@ -101,7 +107,9 @@ impl BandLight {
         let step = covariance * score;
         // What the dot's own step left of it.
         let left = step - self.step.fixed_rows::<3>(0);
-        let [u, v] = self.spot.centre_px;
+        // The centre is that of the dot, not of its light.
+        let [du, dv] = shift_px(&self.spot, self.illumination_slope);
+        let [u, v] = [self.spot.centre_px[0] - du, self.spot.centre_px[1] - dv];
         Some(OwnCentre {
             centre: PixelPoint { u: u + step.x, v: v + step.y },
             std_px: [covariance[(0, 0)].max(0.0).sqrt(), covariance[(1, 1)].max(0.0).sqrt()],
@@ -117,6 +125,17 @@ impl BandLight {
     }
 }
 
+/// What is known of a number beforehand.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Expected {
+    pub(crate) value: f64,
+    pub(crate) std: f64,
+}
+
+/// How well the contrast of a saturated dot is guessed, relative: it is held near the guess until its place is known.
+const GUESS_STD: [f64; 2] = [1e-4, 1.0];
+const GUESS_ROUNDS: usize = 3;
+
 /// Blur added to the edges of a doubtful dot in the first round, so that they are felt from farther away.
 const SOFTENING_PX: f64 = 2.0;
 
@@ -126,6 +145,7 @@ const APPROACH: usize = 4;
 
 /// Rounds after which pixels that do not fit are left out, come what may.
 const PATIENCE: usize = 6;
+const PATIENCE_SATURATED: usize = 11;
 
 /// After a step this small, in standard deviations, or with so little χ² a pixel, a dot is so near its place that pixels
 /// which do not fit at all are not its own.
@@ -152,6 +172,7 @@ impl Body {
             alive: true,
             rounds: 0,
             doubtful,
+            saturated: false,
             masked: false,
             seen: Share::Quarter,
             share: Share::Quarter,
@@ -171,8 +192,19 @@ impl Body {
         if self.doubtful && self.rounds == 0 { SOFTENING_PX } else { 0.0 }
     }
 
+    /// What the contrast of its light should be, where the pixels may not tell.
+    pub(crate) fn expected_contrast(&self, light: &BandLight) -> Option<Expected> {
+        let share = GUESS_STD[usize::from(self.rounds >= GUESS_ROUNDS)];
+        let value = light.first_contrast;
+        self.saturated.then(|| Expected { value, std: share * value.abs().max(1.0) })
+    }
+
     /// Whether it is near enough to its place that pixels which do not fit are not its own.
     pub(crate) fn is_near(&self) -> bool {
+        if self.saturated {
+            let is_settling = self.rounds > GUESS_ROUNDS && self.step_sigmas < NEAR_SIGMAS;
+            return is_settling || self.rounds > PATIENCE_SATURATED;
+        }
         if self.rounds == 0 || self.doubtful && self.rounds == 1 {
             return false;
         }
@@ -188,7 +220,7 @@ impl Body {
     /// only on whom its light falls.
     pub(crate) fn rests(&self) -> bool {
         let is_steep = self.dot.slopes.iter().any(|slope| slope.abs() > STEEP);
-        let enough = if self.has_neighbours || is_steep { LAST_SIGMAS_HARD } else { LAST_SIGMAS };
+        let enough = if self.has_neighbours || self.saturated || is_steep { LAST_SIGMAS_HARD } else { LAST_SIGMAS };
         let unseen = self.z_prior_mm.is_some() && !self.has_neighbours;
         !self.alive || unseen || self.masked && self.seen == Share::All && self.moved_sigmas < enough
     }

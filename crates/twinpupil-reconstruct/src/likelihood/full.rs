@@ -1,7 +1,7 @@
 //! What the pixels say that a spot fills: they differ by noise and by the illumination's slope alone, so sums tell all.
 
 use multiversion::multiversion;
-use nalgebra::Matrix3;
+use nalgebra::{Matrix2, Matrix3, Vector2};
 
 use crate::likelihood::black::Black;
 use crate::noise::Noise;
@@ -165,6 +165,21 @@ impl Full {
         let [level, along_u, along_v] =
             (normal.try_inverse()? * nalgebra::Vector3::new(self.code, self.code_place[0], self.code_place[1])).into();
         Some(Incline { level, slope: [along_u, along_v] })
+    }
+
+    /// Relative growth of the light in the middle of the pixels, 1/px, and what is known of it.
+    ///
+    /// ```text
+    /// Σ d (p − p̄) = L Σ (p − p̄)(p − p̄)ᵀ g
+    /// ```
+    pub(crate) fn growth(&self, noise: &Noise) -> Option<(Vector2<f64>, Matrix2<f64>)> {
+        let Incline { level, slope } = self.incline()?;
+        let (slope, mean) = (Vector2::from(slope), Vector2::from(self.place) / self.count);
+        let [uu, uv, vv] = self.places;
+        let spread = Matrix2::new(uu, uv, uv, vv) - mean * mean.transpose() * self.count;
+        let code = self.level + level + slope.dot(&mean);
+        let light = code - noise.black_level;
+        (light > 0.0).then(|| (slope / light, spread * (light * light / noise.variance(code))))
     }
 
     /// What the pixels say of their light.

@@ -7,6 +7,7 @@ use crate::likelihood::black::Black;
 use crate::likelihood::body::{BandLight, Body};
 use crate::likelihood::coupling::{Coupling, Near, NearLight};
 use crate::likelihood::full::FullLight;
+use crate::likelihood::illumination::{bend, shift_px};
 use crate::likelihood::light::{Light, Places};
 use crate::likelihood::neighbours::{Circle, Neighbours};
 use crate::likelihood::normal::Normal;
@@ -32,12 +33,13 @@ pub(crate) struct Buffers {
     /// The samples of the spot that is looked at, about its centre, its light there and that of others.
     places: Places,
     own: Light,
+    narrow: Light,
     others: Vec<f32>,
     near: Vec<Near>,
     weights: Weights,
     weighted: Vec<f32>,
     /// For the bands of one body after the other.
-    neighbours: Neighbours,
+    pub(crate) neighbours: Neighbours,
     /// For every body.
     pub(crate) couplings: Vec<Vec<Coupling>>,
     moving: Vec<u32>,
@@ -62,14 +64,14 @@ impl BandView<'_> {
         Spot::with_jacobian(dot, self.pencil, self.page, aberration_mm)
     }
 
-    fn window_px(&self, spot: &Spot) -> f64 {
+    pub(crate) fn window_px(&self, spot: &Spot) -> f64 {
         let step_px = self.plane.step_px as f64;
         spot.reach_px() + (MARGIN_SHARE * spot.radius_px).max(MARGIN_SAMPLES * step_px)
     }
 }
 
 impl BandLight {
-    fn near(&self) -> NearLight<'_> {
+    pub(crate) fn near(&self) -> NearLight<'_> {
         NearLight { spot: &self.spot, contrast: self.contrast, growth: self.growth() }
     }
 }
@@ -133,6 +135,7 @@ impl Joint<'_> {
                     light.spot.soften(softening_px);
                     light.jacobian.row_mut(3).fill(0.0);
                 }
+                light.spot.shift(shift_px(&light.spot, light.illumination_slope));
             }
         }
     }
@@ -217,7 +220,7 @@ impl Joint<'_> {
         let Some(light) = &body.bands[band] else { return };
         let Some(window) = &light.window else { return };
         let view = &bands[band];
-        let Buffers { samples, places, own, others, near, weights, weighted, neighbours, couplings, .. } =
+        let Buffers { samples, places, own, narrow, others, near, weights, weighted, neighbours, couplings, .. } =
             &mut **buffers;
         let codes = samples.about(window, body.seen, light.spot.centre_px, places);
         let near_lights = || {
@@ -236,11 +239,12 @@ impl Joint<'_> {
             near[place].add(&other.near(), others);
         }
         own.fill(&light.spot, places);
+        bend(own, light, places, narrow);
         let levels =
             Levels { contrast: light.contrast as f32, background: light.background as f32, growth: light.growth() };
         let limit = if mask_foreign { FOREIGN_SIGMAS * FOREIGN_SIGMAS } else { f32::INFINITY };
         let saturated = f32::from(view.plane.code_max);
-        let judge = Judge { black: view.black, saturated, limit };
+        let judge = Judge::new(view.black, saturated, limit);
         weights.compare(codes, places, own, others, &levels, &judge);
         let mut normal = Normal::of(own, light.contrast, weights, weighted);
         if window.full.count() > 0.0 {
@@ -249,6 +253,9 @@ impl Joint<'_> {
             let level = light.contrast + light.background;
             let full_light = FullLight { level, lit: 1.0 - growth[0] * offset_u - growth[1] * offset_v, growth };
             normal.add_full(&window.full.sums(&full_light, view.black), window.full.masked);
+        }
+        if let Some(expected) = body.expected_contrast(light) {
+            normal.expect_contrast(expected.value - light.contrast, expected.std);
         }
         for (near, (other, neighbour)) in near.iter_mut().zip(near_lights()) {
             if let Some(block) = near.block(&neighbour.near(), light.contrast, own, weights) {

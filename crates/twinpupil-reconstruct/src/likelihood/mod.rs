@@ -1,12 +1,13 @@
 //! Maximum likelihood: the dots whose modelled light explains the pixels best.
 
-mod black;
+pub(crate) mod black;
 pub(crate) mod body;
 mod chords;
 mod coupling;
 mod covariance;
 mod cut;
 mod full;
+mod illumination;
 pub(crate) mod joint;
 mod light;
 mod neighbours;

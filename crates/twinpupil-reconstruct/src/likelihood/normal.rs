@@ -69,6 +69,12 @@ impl Normal {
         self.masked += masked;
     }
 
+    /// Adds what is known of the contrast beforehand: how far above the present one it should be, with its deviation.
+    pub(crate) fn expect_contrast(&mut self, above: f64, std: f64) {
+        self.information[(4, 4)] += std.powi(-2);
+        self.score[4] += above / (std * std);
+    }
+
     /// Contrast and background eliminated; `None` if the pixels do not tell them.
     pub(crate) fn shape(&self) -> Option<Shape> {
         let light = self.information.fixed_view::<2, 2>(4, 4).into_owned();

@@ -8,6 +8,7 @@ use crate::likelihood::black::Black;
 use crate::likelihood::body::{BandLight, Body, FitQuality, OwnCentre};
 use crate::likelihood::coupling::Coupling;
 use crate::likelihood::covariance::{Patch, covariance};
+use crate::likelihood::illumination::{Glance, set_illumination};
 use crate::likelihood::joint::{BandView, Buffers, Joint};
 use crate::likelihood::pencil::Pencil;
 use crate::likelihood::spot::{Dot, Page};
@@ -40,6 +41,8 @@ pub(crate) struct Seed {
     pub(crate) placed: bool,
     /// Whether its place may be off by more than the width of an edge.
     pub(crate) doubtful: bool,
+    /// Whether the largest code hides how bright it is.
+    pub(crate) saturated: bool,
 }
 
 /// A dot as its pixels know it.
@@ -54,10 +57,33 @@ pub(crate) struct Refined {
     pub(crate) reduced_chi2: f64,
     /// Excess of the residuals over the noise, relative to the contrast.
     pub(crate) misfit: f64,
+    /// Radius of its least blur in any band, px.
+    pub(crate) blur_px: f64,
     pub(crate) masked_px: usize,
+    pub(crate) used_px: usize,
 }
 
 impl Refined {
+    /// Whether its pixels look like those of a disc: those that count, and nearly all of them do unless the largest
+    /// code hides them.
+    pub(crate) fn is_disc(&self, is_saturated: bool) -> bool {
+        const MISFIT_MAX: f64 = 0.05;
+        const MASKED_MAX: f64 = 0.03;
+        let masked = self.masked_px as f64 / (self.used_px + self.masked_px).max(1) as f64;
+        self.misfit < MISFIT_MAX && (is_saturated || masked < MASKED_MAX)
+    }
+
+    /// Whether what is left of a saturated dot's pixels tells how far away it is: of a sharp one that is a line of them,
+    /// whose half-lit steps have to be modelled far better than those of a whole edge.
+    pub(crate) fn tells_depth(&self) -> bool {
+        const STD_MAX: f64 = 0.01;
+        const CHI2_MAX: f64 = 1.25;
+        const BLUR_PX_MIN: f64 = 4.0;
+        self.blur_px > BLUR_PX_MIN
+            && self.reduced_chi2 < CHI2_MAX
+            && self.covariance_mm2[(2, 2)].sqrt() < STD_MAX * self.dot.centre_mm[2]
+    }
+
     /// Of x, y and z, mm².
     pub(crate) fn position_covariance_mm2(&self) -> Matrix3<f64> {
         self.covariance_mm2.fixed_view::<3, 3>(0, 0).into_owned()
@@ -87,7 +113,11 @@ pub(crate) struct Workspace {
     blacks: Vec<Black>,
     slopes: Slopes,
     chi2s: Vec<f64>,
+    glance: Glance,
 }
+
+/// Rounds before which it is found how the light grows: from about where the dots are, and from where they are.
+const LIGHT_ROUNDS: [usize; 5] = [1, 2, 3, 4, 6];
 
 /// Rounds before which positions are rough.
 const ROUGH_ROUNDS: usize = 3;
@@ -117,7 +147,7 @@ impl ForwardModel {
         workspace: &mut Workspace,
         refined: &mut Vec<Option<Refined>>,
     ) {
-        let Workspace { bodies, buffers, patch, blacks, slopes, chi2s } = workspace;
+        let Workspace { bodies, buffers, patch, blacks, slopes, chi2s, glance } = workspace;
         if !blacks.iter().map(Black::noise).eq(planes.iter().map(|(_, noise)| noise)) {
             *blacks = planes.iter().map(|(_, noise)| Black::new(noise)).collect();
         }
@@ -147,6 +177,9 @@ impl ForwardModel {
                     break;
                 }
             }
+            if LIGHT_ROUNDS.contains(&round) {
+                set_illumination(&mut joint, glance);
+            }
             joint.refresh_moving();
             joint.round();
         }
@@ -164,6 +197,7 @@ fn body(seed: &Seed, views: &[BandView<'_>], background: &[f64]) -> Body {
     let dot = Dot { centre_mm: seed.centre_mm, diameter_mm: seed.diameter_mm, slopes: [0.0; 2] };
     let z_prior_mm = (!seed.placed).then_some((seed.centre_mm[2], LONE_Z_STD_MM));
     let mut body = Body::new(dot, z_prior_mm, seed.doubtful);
+    body.saturated = seed.saturated;
     let lights = views.iter().zip(&seed.contrast).zip(background);
     body.bands.extend(
         lights.map(|((view, contrast), ground)| {
@@ -250,6 +284,8 @@ fn refined(bodies: &[Body], couplings: &[Vec<Coupling>], index: usize, patch: &m
         centres: body.bands.iter().map(|light| light.as_ref().and_then(|light| light.own_centre())).collect(),
         reduced_chi2,
         misfit: misfits.fold(0.0, f64::max),
+        blur_px: body.bands.iter().flatten().map(|light| light.spot.blur_px_min()).fold(f64::INFINITY, f64::min),
         masked_px,
+        used_px: used,
     })
 }

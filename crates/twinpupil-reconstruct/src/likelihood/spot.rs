@@ -123,6 +123,17 @@ impl Spot {
         self.blur_px = self.blur_px.hypot(blur_px).copysign(self.blur_px);
     }
 
+    /// Moves its light.
+    pub(crate) fn shift(&mut self, [du_px, dv_px]: Vector2) {
+        self.centre_px[0] += du_px;
+        self.centre_px[1] += dv_px;
+    }
+
+    /// With the blur of every point a share of what it is.
+    pub(crate) fn narrowed(&self, share: f64) -> Self {
+        Self { blur_px: share * self.blur_px, blur_growth_px: share * self.blur_growth_px, ..self.clone() }
+    }
+
     /// Largest blur on the dot, px.
     pub(crate) fn blur_px_max(&self) -> f64 {
         self.blur_px.abs() + self.blur_growth_px.abs()

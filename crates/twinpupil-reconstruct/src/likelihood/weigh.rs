@@ -28,9 +28,22 @@ pub(crate) struct Levels {
 pub(crate) struct Judge<'a> {
     pub(crate) black: &'a Black,
     /// Codes from this on are saturated.
-    pub(crate) saturated: f32,
+    saturated: f32,
+    /// Pixels that should read more than the first, and do read more than the second, are spared by their noise alone.
+    full: f32,
+    spared: f32,
     /// Largest square of a residual over its variance that counts.
-    pub(crate) limit: f32,
+    limit: f32,
+}
+
+impl<'a> Judge<'a> {
+    pub(crate) fn new(black: &'a Black, saturated: f32, limit: f32) -> Self {
+        const FULL_SIGMAS: f64 = 3.0;
+        let noise = black.noise();
+        let spread = (FULL_SIGMAS * noise.variance(f64::from(saturated)).sqrt()) as f32;
+        let full = saturated - noise.black_level as f32 - spread;
+        Self { black, saturated, full, spared: saturated - 2.0 * spread, limit }
+    }
 }
 
 impl Weights {
@@ -101,7 +114,8 @@ fn weigh(
         let lights = others[k] + lit * (contrast * own[k] + background * open[k]);
         let trust = 1.0 / (floor + slope * lights.max(0.0));
         let left = codes[k] - black_level - lights;
-        let out = (codes[k] >= saturated) | (left * left * trust > limit);
+        let full = (codes[k] >= saturated) | ((lights > judge.full) & (codes[k] > judge.spared));
+        let out = full | (left * left * trust > limit);
         weight[k] = if out { 0.0 } else { trust * lit * lit };
         residual[k] = left / lit;
         model[k] = lights;

@@ -6,3 +6,4 @@ mod damaged;
 mod limit;
 mod published;
 mod real_disks;
+mod scenes;

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 use twinpupil_instrument::Instrument;
 use twinpupil_instrument::{Band, Frame, Role};
-use twinpupil_reconstruct::{DetectOptions, Mode, Options, Reconstruction, Reconstructor};
+use twinpupil_reconstruct::{DetectOptions, Mode, NoiseSource, Options, Reconstruction, Reconstructor};
 
 use super::destination::pretty;
 use super::options::PolarityOption;
@@ -44,6 +44,9 @@ pub struct Args {
     /// Whether features are bright or dark
     #[arg(long, value_enum, default_value_t = PolarityOption::Auto)]
     polarity: PolarityOption,
+    /// Where the noise of pixels is known from
+    #[arg(long, value_enum, default_value_t = NoiseOption::Sensor)]
+    noise: NoiseOption,
     /// Print a summary as JSON; needs -o
     #[arg(long, requires = "output")]
     json: bool,
@@ -66,6 +69,15 @@ enum ModeOption {
     Centroid,
     /// The dots whose modelled light is the most likely one given every pixel
     Model,
+}
+
+/// Where the noise of pixels is known from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum NoiseOption {
+    /// The sensor's figures in the instrument file
+    Sensor,
+    /// How much the flat places of every frame scatter
+    Frame,
 }
 
 /// What `--json` prints.
@@ -162,7 +174,11 @@ fn reconstructor(args: &Args, loaded: &LoadedInstrument) -> Result<Reconstructor
         Mode::Paper => None,
         Mode::Centroid | Mode::Model => Some(twinpupil_optics::response_table_for(&loaded.instrument)?),
     };
-    let options = Options { mode, detect, ..Options::default() };
+    let noise = match args.noise {
+        NoiseOption::Sensor => NoiseSource::Sensor,
+        NoiseOption::Frame => NoiseSource::Frame,
+    };
+    let options = Options { mode, detect, noise, ..Options::default() };
     Ok(Reconstructor::new(loaded.instrument.clone(), table, options).unmixing(&loaded.response_matrix()?))
 }
 

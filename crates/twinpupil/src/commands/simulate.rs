@@ -7,7 +7,7 @@ use anyhow::{Result, bail};
 use serde::Serialize;
 use twinpupil_instrument::{Frame, ResponseMatrix};
 use twinpupil_optics::RayLedger;
-use twinpupil_simulate::{PUPIL_SAMPLES_MAX, Scene, SimulateOptions, Simulation, simulate};
+use twinpupil_simulate::{Defects, PUPIL_SAMPLES_MAX, Scene, SimulateOptions, Simulation, simulate};
 
 use super::destination::pretty;
 use crate::console::Console;
@@ -46,6 +46,12 @@ pub struct Args {
     /// Seed of the sensor's noise; the scene's if left out
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
+    /// Share of the pixels that are dead and read 0; which ones does not depend on the seed
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    dead: f64,
+    /// Share of the pixels that are hot and read the largest code
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    hot: f64,
     /// Light this band alone, as the flat frames of `crosstalk` are lit
     #[arg(long, value_name = "BAND")]
     lit: Option<String>,
@@ -107,7 +113,12 @@ pub fn run(args: &Args, console: &Console) -> Result<()> {
     }
 
     let start = Instant::now();
-    let options = SimulateOptions { pupil_samples: args.samples(), noiseless: args.noiseless, seed: args.seed };
+    let options = SimulateOptions {
+        pupil_samples: args.samples(),
+        noiseless: args.noiseless,
+        seed: args.seed,
+        defects: Defects { dead: args.dead, hot: args.hot, ..Defects::default() },
+    };
     let bar = console.progress(STEPS as u64, "simulating");
     let progress = |share: f64| bar.set_position((STEPS * share) as u64);
     let simulation = simulate(&loaded.instrument, &scene, &response, &options, &progress)?;

@@ -43,6 +43,7 @@ impl Rig {
             pupil_samples: self.pupil_samples,
             noiseless: shot.noiseless,
             seed: Some(shot.noise_seed),
+            ..SimulateOptions::default()
         };
         let simulation = simulate(&self.instrument, &shot.scene, &self.response, &options, &|_| ());
         Ok(simulation.with_context(|| format!("scene {}", shot.scene.name))?.frame)

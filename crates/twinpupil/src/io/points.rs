@@ -111,6 +111,7 @@ mod tests {
             ground_codes: 20.0,
             edge_px: 4.0,
             overlapped: false,
+            saturated: false,
         };
         Point {
             position_mm: [1.25, -7.5, 300.000001],

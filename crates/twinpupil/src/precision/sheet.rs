@@ -133,6 +133,7 @@ impl Sheet {
             seed: 0,
             background_e,
             brightness_e,
+            illumination: None,
             dots: dots.iter().map(spec).collect(),
             plate: None,
         })?;

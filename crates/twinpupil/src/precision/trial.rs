@@ -95,7 +95,8 @@ impl Examiner {
     ) -> Result<Vec<Trial>> {
         // Frames of two sheets with the same seed would share their read noise pixel for pixel.
         let noise_seed = seed + ((index as u64) << 32);
-        let options = SimulateOptions { pupil_samples: self.pupil_samples, noiseless: false, seed: Some(noise_seed) };
+        let options =
+            SimulateOptions { pupil_samples: self.pupil_samples, seed: Some(noise_seed), ..SimulateOptions::default() };
         let frame = simulate(&self.instrument, &sheet.scene, &self.response, &options, &|_| ())?.frame;
         let trial = |(mode, reader): &mut (Mode, Reconstructor)| {
             let Reconstruction { points, rejected, .. } = reader.reconstruct(&frame)?;

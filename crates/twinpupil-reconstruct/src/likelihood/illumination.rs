@@ -1,0 +1,307 @@
+//! Light that falls unevenly: how it grows across every dot, from the dot's own pixels and from all dots together.
+
+use nalgebra::{Matrix2, Matrix6, SMatrix, SVector, Vector2};
+
+use crate::likelihood::body::{BandLight, Body};
+use crate::likelihood::coupling::Near;
+use crate::likelihood::joint::Joint;
+use crate::likelihood::light::{Light, Places};
+use crate::likelihood::samples::{Rings, Samples, Share};
+use crate::likelihood::spot::Spot;
+
+/// Relative growth of the light along u and v, 1/px, and what is known of it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Growth {
+    slope: Vector2<f64>,
+    information: Matrix2<f64>,
+}
+
+/// Buffers for a closer look at one dot.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Glance {
+    samples: Samples,
+    places: Places,
+    others: Vec<f32>,
+    near: Near,
+    modelled: Light,
+}
+
+/// Growth is believed if it is this significant: χ² of two unknowns that chance exceeds once in 3000 times.
+const SIGNIFICANT_CHI2: f64 = 16.0;
+
+/// A change of the growth that moves a dot's light by so much wakes it, and the step that it then seems to have made.
+const FELT_PX: f64 = 0.003;
+const FELT_SIGMAS: f64 = 20.0;
+
+/// Finds how the light grows across every body in every band.
+pub(crate) fn set_illumination(joint: &mut Joint<'_>, glance: &mut Glance) {
+    for band in 0..joint.bands.len() {
+        let own: Vec<Option<Growth>> =
+            (0..joint.bodies.len()).map(|index| own_growth(joint, index, band, glance)).collect();
+        let field = Field::through(joint.bodies, &own, band);
+        let own: Vec<Option<Growth>> = own
+            .into_iter()
+            .enumerate()
+            .map(|(index, own)| ground_growth(joint, index, band, field.as_ref(), glance).or(own))
+            .collect();
+        for (body, own) in joint.bodies.iter_mut().zip(own) {
+            let Body { alive: true, bands, moved_sigmas, .. } = body else { continue };
+            let Some(light) = &mut bands[band] else { continue };
+            let growth = field.as_ref().map(|field| field.at(light.spot.centre_px));
+            let known = own.into_iter().chain(growth).reduce(Growth::and);
+            let slope = known.filter(Growth::is_significant).map_or([0.0; 2], |growth| growth.slope.into());
+            let before_px = shift_px(&light.spot, light.illumination_slope);
+            let after_px = shift_px(&light.spot, slope);
+            light.illumination_slope = slope;
+            if (after_px[0] - before_px[0]).hypot(after_px[1] - before_px[1]) > FELT_PX {
+                *moved_sigmas = moved_sigmas.max(FELT_SIGMAS);
+            }
+        }
+    }
+}
+
+/// How far the light of a spot seems moved where the illumination grows, px.
+///
+/// A pixel at p outside an edge gets light from where the dot is, not from p. With the dot D, the blur B of radius b, and
+/// light that grows by g,
+///
+/// ```text
+/// (1 + g·p) D ∗ B = (1 + g·p)(D ∗ B) − D ∗ (g·s B) ≈ (1 + g·p) (D ∗ B)(p + b²/4 g)
+/// ```
+///
+/// since s B is the gradient of a bump of mass b²/4.
+pub(crate) fn shift_px(spot: &Spot, growth: [f64; 2]) -> [f64; 2] {
+    growth.map(|growth| -0.25 * spot.blur_px * spot.blur_px * growth)
+}
+
+/// Mends the light of a spot that seems moved far: its edges are as steep as those of a narrower blur.
+///
+/// The bump of [`shift_px`] is `∫ t³ B_t dt/b²` over the discs B_t up to the blur's radius b, whose mean radius is 4/5 b:
+/// the light changes as does that of an edge with such a blur.
+pub(crate) fn bend(own: &mut Light, light: &BandLight, places: &Places, narrow: &mut Light) {
+    const NARROW: f64 = 0.8;
+    const FELT_PX: f64 = 0.05;
+    let [du, dv] = shift_px(&light.spot, light.illumination_slope);
+    if du.hypot(dv) < FELT_PX {
+        return;
+    }
+    narrow.fill(&light.spot.narrowed(NARROW), places);
+    let (du, dv) = (du as f32, dv as f32);
+    for (k, share) in own.light.iter_mut().enumerate() {
+        *share += du * (narrow.with_u[k] - own.with_u[k]) + dv * (narrow.with_v[k] - own.with_v[k]);
+    }
+}
+
+impl Growth {
+    fn and(self, other: Self) -> Self {
+        let information = self.information + other.information;
+        let sum = self.information * self.slope + other.information * other.slope;
+        match information.try_inverse() {
+            Some(covariance) => Self { slope: covariance * sum, information },
+            None => self,
+        }
+    }
+
+    fn is_significant(&self) -> bool {
+        self.slope.dot(&(self.information * self.slope)) > SIGNIFICANT_CHI2
+    }
+}
+
+/// What a dot's own pixels show.
+fn own_growth(joint: &Joint<'_>, index: usize, band: usize, glance: &mut Glance) -> Option<Growth> {
+    let body = &joint.bodies[index];
+    let light = body.bands[band].as_ref().filter(|_| body.alive && !body.saturated)?;
+    let full = &light.window.as_ref()?.full;
+    if full.count() >= FULL_MIN {
+        let (slope, information) = full.growth(joint.bands[band].black.noise())?;
+        return Some(Growth { slope, information });
+    }
+    // Where nothing is flat, the fit tells whether it is worth while.
+    let unexplained = light.normal.chi2 > UNEXPLAINED_CHI2 * light.normal.used as f64;
+    if unexplained { modelled_growth(joint, index, band, glance) } else { None }
+}
+
+/// What the ground about a dark dot shows, where the light of the whole frame is uneven.
+fn ground_growth(
+    joint: &Joint<'_>,
+    index: usize,
+    band: usize,
+    field: Option<&Field>,
+    glance: &mut Glance,
+) -> Option<Growth> {
+    let body = &joint.bodies[index];
+    let light = body.bands[band].as_ref().filter(|light| body.alive && light.contrast < 0.0)?;
+    let is_uneven = field?.at(light.spot.centre_px).is_significant();
+    if is_uneven { modelled_growth(joint, index, band, glance) } else { None }
+}
+
+/// Pixels that a dot must fill to tell how the light grows.
+const FULL_MIN: f64 = 100.0;
+
+/// χ² over its pixels from which a dot without flat places is looked at closely.
+const UNEXPLAINED_CHI2: f64 = 1.3;
+
+/// What all pixels of a dot show, whatever its place, size, blur and light may be.
+fn modelled_growth(joint: &Joint<'_>, index: usize, band: usize, glance: &mut Glance) -> Option<Growth> {
+    const OTHERS: usize = 6;
+    let (view, light) = (&joint.bands[band], joint.bodies[index].bands[band].as_ref()?);
+    let Glance { samples, places, others, near, modelled } = glance;
+    let spot = &light.spot;
+    samples.clear();
+    let rings = Rings { centre_px: spot.centre_px, window_px: view.window_px(spot), full_px: 0.0 };
+    let window = samples.read(&view.plane, view.black.noise(), &rings, 0.0);
+    let codes = samples.about(&window, Share::All, spot.centre_px, places);
+    others.clear();
+    others.resize(codes.len(), 0.0);
+    for neighbour in joint.buffers.neighbours.of(index * joint.bands.len() + band) {
+        if let Some(other) = &joint.bodies[*neighbour as usize / joint.bands.len()].bands[band] {
+            near.find(&other.near(), spot.centre_px, places);
+            near.add(&other.near(), others);
+        }
+    }
+    modelled.fill(spot, places);
+    let (mut information, mut score) = (SMatrix::<f64, 8, 8>::zeros(), SVector::<f64, 8>::zeros());
+    let [gu, gv] = light.illumination_slope;
+    for (k, code) in codes.iter().enumerate() {
+        let [du, dv] = [places.du[k], places.dv[k]].map(f64::from);
+        let lit = 1.0 + gu * du + gv * dv;
+        let [share, open] = [modelled.light[k], modelled.open[k]].map(f64::from);
+        let level = light.contrast * share + light.background * open;
+        let foreign = f64::from(others[k]);
+        let read = f64::from(*code) - view.black.noise().black_level;
+        if *code >= f32::from(view.plane.code_max) || read <= f64::from(view.black.light_max) {
+            continue;
+        }
+        let scale = light.contrast * lit;
+        let [u, v, radius, blur] =
+            [modelled.with_u[k], modelled.with_v[k], modelled.with_radius[k], modelled.with_blur[k]]
+                .map(|change| scale * f64::from(change));
+        let row = SVector::from([u, v, radius, blur, lit * share, lit * open, level * du, level * dv]);
+        let trust = 1.0 / view.black.noise().variance(view.black.noise().black_level + level * lit + foreign);
+        information += row * row.transpose() * trust;
+        score += row * ((read - foreign - level * lit) * trust);
+    }
+    // What the six others cannot explain as well.
+    let others: Matrix6<f64> = information.fixed_view::<OTHERS, OTHERS>(0, 0).into_owned();
+    let mixed = information.fixed_view::<2, OTHERS>(OTHERS, 0) * others.try_inverse()?;
+    let left = information.fixed_view::<2, 2>(OTHERS, OTHERS) - mixed * information.fixed_view::<OTHERS, 2>(0, OTHERS);
+    let score = score.fixed_rows::<2>(OTHERS) - mixed * score.fixed_rows::<OTHERS>(0);
+    let step = left.try_inverse()? * score;
+    Some(Growth { slope: Vector2::new(gu, gv) + step, information: left })
+}
+
+/// Unknowns of the field: the logarithm of the light, its slopes and its curvatures.
+const UNKNOWNS: usize = 6;
+
+/// The light over the whole frame in one band: its logarithm is a quadratic.
+///
+/// ```text
+/// ln I = c + a x + b y + d x²/2 + e x y + f y²/2
+/// ```
+#[derive(Debug, Clone)]
+struct Field {
+    centre_px: [f64; 2],
+    unknowns: SVector<f64, UNKNOWNS>,
+    covariance: SMatrix<f64, UNKNOWNS, UNKNOWNS>,
+    /// Variance of the slope of single dots about that of the field, 1/px².
+    scatter: f64,
+}
+
+/// Length in which places are counted, px.
+const UNIT_PX: f64 = 1000.0;
+
+/// What slopes and curvatures are thought to be beforehand, over that length.
+const SLOPE_STD: f64 = 3.0;
+const CURVATURE_STD: f64 = 1.0;
+
+/// Dots are no more alike than this, relative; and how many tell a field.
+const LEVEL_STD_MIN: f64 = 0.002;
+const DOTS_MIN: usize = 6;
+
+impl Field {
+    /// Through the slopes that single dots show, and through their brightness as far as they are alike.
+    fn through(bodies: &[Body], own: &[Option<Growth>], band: usize) -> Option<Self> {
+        const ROUNDS: usize = 4;
+        const FAR_SIGMAS: f64 = 3.0;
+        let lights: Vec<(&BandLight, Option<Growth>)> = bodies
+            .iter()
+            .zip(own)
+            .filter(|(body, _)| body.alive && !body.saturated && body.z_prior_mm.is_none())
+            .filter_map(|(body, own)| Some((body.bands[band].as_ref().filter(|light| light.contrast != 0.0)?, *own)))
+            .collect();
+        if lights.len() < DOTS_MIN {
+            return None;
+        }
+        let count = lights.len() as f64;
+        let centre_px = [0, 1].map(|k| lights.iter().map(|(light, _)| light.spot.centre_px[k]).sum::<f64>() / count);
+        let scatter = f64::INFINITY;
+        let mut field = Self { centre_px, unknowns: SVector::zeros(), covariance: SMatrix::zeros(), scatter };
+        let mut level_std = 1.0_f64;
+        let mut kept: Vec<bool> = vec![true; lights.len()];
+        for _ in 0..ROUNDS {
+            let mut information = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::zeros();
+            let mut score = SVector::<f64, UNKNOWNS>::zeros();
+            for k in 1..UNKNOWNS {
+                information[(k, k)] += if k < 3 { SLOPE_STD } else { CURVATURE_STD }.powi(-2);
+            }
+            for ((light, own), kept) in lights.iter().zip(&kept) {
+                let [level, along_u, along_v] = field.rows(light.spot.centre_px);
+                if *kept {
+                    information += level * level.transpose() * level_std.powi(-2);
+                    score += level * (light.contrast.abs().ln() * level_std.powi(-2));
+                }
+                if let Some(Growth { slope, information: known }) = own.filter(|_| field.scatter.is_finite()) {
+                    // Dots whose own pixels say it well count no more than they are alike.
+                    let covariance = known.try_inverse().unwrap_or_default() + Matrix2::identity() * field.scatter;
+                    let known = covariance.try_inverse().unwrap_or_default() * UNIT_PX.powi(-2);
+                    let rows = SMatrix::<f64, 2, UNKNOWNS>::from_rows(&[along_u.transpose(), along_v.transpose()]);
+                    information += rows.transpose() * known * rows;
+                    score += rows.transpose() * known * (slope * UNIT_PX);
+                }
+            }
+            field.covariance = information.try_inverse()?;
+            field.unknowns = field.covariance * score;
+            let off = |light: &BandLight| {
+                (light.contrast.abs().ln() - field.rows(light.spot.centre_px)[0].dot(&field.unknowns)).abs()
+            };
+            let median = |mut values: Vec<f64>| {
+                values.sort_by(f64::total_cmp);
+                values.get(values.len() / 2).copied()
+            };
+            let offs: Vec<f64> = lights.iter().map(|(light, _)| off(light)).collect();
+            level_std = (1.4826 * median(offs.clone())?).max(LEVEL_STD_MIN);
+            kept = offs.iter().map(|off| *off < FAR_SIGMAS * level_std).collect();
+            let squares = lights.iter().filter_map(|(light, own)| {
+                let off = own.as_ref()?.slope - field.slope_at(light.spot.centre_px);
+                let noise = own.as_ref()?.information.try_inverse()?.trace();
+                Some((off.norm_squared() - noise).max(0.0))
+            });
+            field.scatter = median(squares.collect()).unwrap_or(0.0);
+        }
+        Some(field)
+    }
+
+    /// What the unknowns do to the logarithm of the light at a place, and to its slopes along u and v over the unit.
+    fn rows(&self, [u_px, v_px]: [f64; 2]) -> [SVector<f64, UNKNOWNS>; 3] {
+        let (x, y) = ((u_px - self.centre_px[0]) / UNIT_PX, (v_px - self.centre_px[1]) / UNIT_PX);
+        [
+            SVector::from([1.0, x, y, 0.5 * x * x, x * y, 0.5 * y * y]),
+            SVector::from([0.0, 1.0, 0.0, x, y, 0.0]),
+            SVector::from([0.0, 0.0, 1.0, 0.0, x, y]),
+        ]
+    }
+
+    fn slope_at(&self, place_px: [f64; 2]) -> Vector2<f64> {
+        let [_, along_u, along_v] = self.rows(place_px);
+        Vector2::new(along_u.dot(&self.unknowns), along_v.dot(&self.unknowns)) / UNIT_PX
+    }
+
+    /// The growth at a place, and how well it is known for a dot there.
+    fn at(&self, place_px: [f64; 2]) -> Growth {
+        let [_, along_u, along_v] = self.rows(place_px);
+        let rows = SMatrix::<f64, 2, UNKNOWNS>::from_rows(&[along_u.transpose(), along_v.transpose()]);
+        let covariance =
+            rows * self.covariance * rows.transpose() / (UNIT_PX * UNIT_PX) + Matrix2::identity() * self.scatter;
+        Growth { slope: self.slope_at(place_px), information: covariance.try_inverse().unwrap_or_default() }
+    }
+}
