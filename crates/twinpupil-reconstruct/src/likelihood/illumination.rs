@@ -24,6 +24,9 @@ pub(crate) struct Glance {
     others: Vec<f32>,
     near: Near,
     modelled: Light,
+    own: Vec<Option<Growth>>,
+    dots: Vec<FieldDot>,
+    sorted: Vec<f64>,
 }
 
 /// Growth is believed if it is this significant: χ² of two unknowns that chance exceeds once in 3000 times.
@@ -33,23 +36,26 @@ const SIGNIFICANT_CHI2: f64 = 16.0;
 const FELT_PX: f64 = 0.003;
 const FELT_SIGMAS: f64 = 20.0;
 
-/// Finds how the light grows across every body in every band.
-pub(crate) fn set_illumination(joint: &mut Joint<'_>, glance: &mut Glance) {
+/// Finds how the light grows across every body in every band, with a closer look at those that are not explained if they
+/// are about in their places; whether it grows anywhere.
+pub(crate) fn set_illumination(joint: &mut Joint<'_>, closely: bool, glance: &mut Glance) -> bool {
+    let mut is_uneven = false;
     for band in 0..joint.bands.len() {
-        let own: Vec<Option<Growth>> =
-            (0..joint.bodies.len()).map(|index| own_growth(joint, index, band, glance)).collect();
-        let field = Field::through(joint.bodies, &own, band);
-        let own: Vec<Option<Growth>> = own
-            .into_iter()
-            .enumerate()
-            .map(|(index, own)| ground_growth(joint, index, band, field.as_ref(), glance).or(own))
-            .collect();
-        for (body, own) in joint.bodies.iter_mut().zip(own) {
+        let mut own = std::mem::take(&mut glance.own);
+        own.clear();
+        own.extend((0..joint.bodies.len()).map(|index| own_growth(joint, index, band, closely, glance)));
+        let field = Field::through(joint.bodies, &own, band, glance);
+        for (index, own) in own.iter_mut().enumerate() {
+            let ground = ground_growth(joint, index, band, field.as_ref(), glance);
+            *own = ground.or(*own);
+        }
+        for (body, own) in joint.bodies.iter_mut().zip(&own) {
             let Body { alive: true, bands, moved_sigmas, .. } = body else { continue };
             let Some(light) = &mut bands[band] else { continue };
             let growth = field.as_ref().map(|field| field.at(light.spot.centre_px));
-            let known = own.into_iter().chain(growth).reduce(Growth::and);
+            let known = own.iter().copied().chain(growth).reduce(Growth::and);
             let slope = known.filter(Growth::is_significant).map_or([0.0; 2], |growth| growth.slope.into());
+            is_uneven |= slope != [0.0; 2];
             let before_px = shift_px(&light.spot, light.illumination_slope);
             let after_px = shift_px(&light.spot, slope);
             light.illumination_slope = slope;
@@ -57,7 +63,9 @@ pub(crate) fn set_illumination(joint: &mut Joint<'_>, glance: &mut Glance) {
                 *moved_sigmas = moved_sigmas.max(FELT_SIGMAS);
             }
         }
+        glance.own = own;
     }
+    is_uneven
 }
 
 /// How far the light of a spot seems moved where the illumination grows, px.
@@ -108,7 +116,7 @@ impl Growth {
 }
 
 /// What a dot's own pixels show.
-fn own_growth(joint: &Joint<'_>, index: usize, band: usize, glance: &mut Glance) -> Option<Growth> {
+fn own_growth(joint: &Joint<'_>, index: usize, band: usize, closely: bool, glance: &mut Glance) -> Option<Growth> {
     let body = &joint.bodies[index];
     let light = body.bands[band].as_ref().filter(|_| body.alive && !body.saturated)?;
     let full = &light.window.as_ref()?.full;
@@ -117,8 +125,11 @@ fn own_growth(joint: &Joint<'_>, index: usize, band: usize, glance: &mut Glance)
         return Some(Growth { slope, information });
     }
     // Where nothing is flat, the fit tells whether it is worth while.
-    let unexplained = light.normal.chi2 > UNEXPLAINED_CHI2 * light.normal.used as f64;
-    if unexplained { modelled_growth(joint, index, band, glance) } else { None }
+    if closely && body.seen == Share::All && !body.explains(UNEXPLAINED_CHI2) {
+        modelled_growth(joint, index, band, glance)
+    } else {
+        None
+    }
 }
 
 /// What the ground about a dark dot shows, where the light of the whole frame is uneven.
@@ -145,7 +156,7 @@ const UNEXPLAINED_CHI2: f64 = 1.3;
 fn modelled_growth(joint: &Joint<'_>, index: usize, band: usize, glance: &mut Glance) -> Option<Growth> {
     const OTHERS: usize = 6;
     let (view, light) = (&joint.bands[band], joint.bodies[index].bands[band].as_ref()?);
-    let Glance { samples, places, others, near, modelled } = glance;
+    let Glance { samples, places, others, near, modelled, .. } = glance;
     let spot = &light.spot;
     samples.clear();
     let rings = Rings { centre_px: spot.centre_px, window_px: view.window_px(spot), full_px: 0.0 };
@@ -218,67 +229,92 @@ const CURVATURE_STD: f64 = 1.0;
 const LEVEL_STD_MIN: f64 = 0.002;
 const DOTS_MIN: usize = 6;
 
+/// What one dot tells of the field.
+#[derive(Debug, Clone, Copy)]
+struct FieldDot {
+    centre_px: [f64; 2],
+    /// Logarithm of its contrast.
+    level: f64,
+    own: Option<Growth>,
+    /// Whether it is about as bright as the others, and how far from them.
+    kept: bool,
+    off: f64,
+}
+
 impl Field {
     /// Through the slopes that single dots show, and through their brightness as far as they are alike.
-    fn through(bodies: &[Body], own: &[Option<Growth>], band: usize) -> Option<Self> {
+    fn through(bodies: &[Body], own: &[Option<Growth>], band: usize, glance: &mut Glance) -> Option<Self> {
         const ROUNDS: usize = 4;
-        const FAR_SIGMAS: f64 = 3.0;
-        let lights: Vec<(&BandLight, Option<Growth>)> = bodies
-            .iter()
-            .zip(own)
-            .filter(|(body, _)| body.alive && !body.saturated && body.z_prior_mm.is_none())
-            .filter_map(|(body, own)| Some((body.bands[band].as_ref().filter(|light| light.contrast != 0.0)?, *own)))
-            .collect();
-        if lights.len() < DOTS_MIN {
+        // So many tell it well enough.
+        const DOTS_MAX: usize = 400;
+        let Glance { dots, sorted, .. } = glance;
+        dots.clear();
+        dots.extend(bodies.iter().zip(own).step_by(bodies.len() / DOTS_MAX + 1).filter_map(|(body, own)| {
+            let light = body.bands[band].as_ref().filter(|light| light.contrast != 0.0)?;
+            let tells = body.is_placed() && !body.saturated;
+            let level = light.contrast.abs().ln();
+            tells.then_some(FieldDot { centre_px: light.spot.centre_px, level, own: *own, kept: true, off: 0.0 })
+        }));
+        if dots.len() < DOTS_MIN {
             return None;
         }
-        let count = lights.len() as f64;
-        let centre_px = [0, 1].map(|k| lights.iter().map(|(light, _)| light.spot.centre_px[k]).sum::<f64>() / count);
+        let count = dots.len() as f64;
+        let centre_px = [0, 1].map(|k| dots.iter().map(|dot| dot.centre_px[k]).sum::<f64>() / count);
         let scatter = f64::INFINITY;
         let mut field = Self { centre_px, unknowns: SVector::zeros(), covariance: SMatrix::zeros(), scatter };
         let mut level_std = 1.0_f64;
-        let mut kept: Vec<bool> = vec![true; lights.len()];
         for _ in 0..ROUNDS {
-            let mut information = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::zeros();
-            let mut score = SVector::<f64, UNKNOWNS>::zeros();
-            for k in 1..UNKNOWNS {
-                information[(k, k)] += if k < 3 { SLOPE_STD } else { CURVATURE_STD }.powi(-2);
-            }
-            for ((light, own), kept) in lights.iter().zip(&kept) {
-                let [level, along_u, along_v] = field.rows(light.spot.centre_px);
-                if *kept {
-                    information += level * level.transpose() * level_std.powi(-2);
-                    score += level * (light.contrast.abs().ln() * level_std.powi(-2));
-                }
-                if let Some(Growth { slope, information: known }) = own.filter(|_| field.scatter.is_finite()) {
-                    // Dots whose own pixels say it well count no more than they are alike.
-                    let covariance = known.try_inverse().unwrap_or_default() + Matrix2::identity() * field.scatter;
-                    let known = covariance.try_inverse().unwrap_or_default() * UNIT_PX.powi(-2);
-                    let rows = SMatrix::<f64, 2, UNKNOWNS>::from_rows(&[along_u.transpose(), along_v.transpose()]);
-                    information += rows.transpose() * known * rows;
-                    score += rows.transpose() * known * (slope * UNIT_PX);
-                }
-            }
-            field.covariance = information.try_inverse()?;
-            field.unknowns = field.covariance * score;
-            let off = |light: &BandLight| {
-                (light.contrast.abs().ln() - field.rows(light.spot.centre_px)[0].dot(&field.unknowns)).abs()
-            };
-            let median = |mut values: Vec<f64>| {
-                values.sort_by(f64::total_cmp);
-                values.get(values.len() / 2).copied()
-            };
-            let offs: Vec<f64> = lights.iter().map(|(light, _)| off(light)).collect();
-            level_std = (1.4826 * median(offs.clone())?).max(LEVEL_STD_MIN);
-            kept = offs.iter().map(|off| *off < FAR_SIGMAS * level_std).collect();
-            let squares = lights.iter().filter_map(|(light, own)| {
-                let off = own.as_ref()?.slope - field.slope_at(light.spot.centre_px);
-                let noise = own.as_ref()?.information.try_inverse()?.trace();
-                Some((off.norm_squared() - noise).max(0.0))
-            });
-            field.scatter = median(squares.collect()).unwrap_or(0.0);
+            field.fit(dots, level_std)?;
+            level_std = field.compare(dots, sorted)?;
         }
         Some(field)
+    }
+
+    /// The field that explains the dots best.
+    fn fit(&mut self, dots: &[FieldDot], level_std: f64) -> Option<()> {
+        let mut information = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::zeros();
+        let mut score = SVector::<f64, UNKNOWNS>::zeros();
+        for k in 1..UNKNOWNS {
+            information[(k, k)] += if k < 3 { SLOPE_STD } else { CURVATURE_STD }.powi(-2);
+        }
+        for FieldDot { centre_px, level, own, kept, .. } in dots {
+            let [row, along_u, along_v] = self.rows(*centre_px);
+            if *kept {
+                information += row * row.transpose() * level_std.powi(-2);
+                score += row * (level * level_std.powi(-2));
+            }
+            if let Some(Growth { slope, information: known }) = own.filter(|_| self.scatter.is_finite()) {
+                // Dots whose own pixels say it well count no more than they are alike.
+                let covariance = known.try_inverse().unwrap_or_default() + Matrix2::identity() * self.scatter;
+                let known = covariance.try_inverse().unwrap_or_default() * UNIT_PX.powi(-2);
+                let rows = SMatrix::<f64, 2, UNKNOWNS>::from_rows(&[along_u.transpose(), along_v.transpose()]);
+                information += rows.transpose() * known * rows;
+                score += rows.transpose() * known * (slope * UNIT_PX);
+            }
+        }
+        self.covariance = information.try_inverse()?;
+        self.unknowns = self.covariance * score;
+        Some(())
+    }
+
+    /// Finds how far the dots lie off the field, and which of them it is not for; the deviation of their brightness.
+    fn compare(&mut self, dots: &mut [FieldDot], sorted: &mut Vec<f64>) -> Option<f64> {
+        const FAR_SIGMAS: f64 = 3.0;
+        for dot in &mut *dots {
+            dot.off = (dot.level - self.rows(dot.centre_px)[0].dot(&self.unknowns)).abs();
+        }
+        sorted.clear();
+        sorted.extend(dots.iter().map(|dot| dot.off));
+        let level_std = (1.4826 * median(sorted)?).max(LEVEL_STD_MIN);
+        dots.iter_mut().for_each(|dot| dot.kept = dot.off < FAR_SIGMAS * level_std);
+        sorted.clear();
+        sorted.extend(dots.iter().filter_map(|dot| {
+            let off = dot.own.as_ref()?.slope - self.slope_at(dot.centre_px);
+            let noise = dot.own.as_ref()?.information.try_inverse()?.trace();
+            Some((off.norm_squared() - noise).max(0.0))
+        }));
+        self.scatter = median(sorted).unwrap_or(0.0);
+        Some(level_std)
     }
 
     /// What the unknowns do to the logarithm of the light at a place, and to its slopes along u and v over the unit.
@@ -304,4 +340,10 @@ impl Field {
             rows * self.covariance * rows.transpose() / (UNIT_PX * UNIT_PX) + Matrix2::identity() * self.scatter;
         Growth { slope: self.slope_at(place_px), information: covariance.try_inverse().unwrap_or_default() }
     }
+}
+
+/// The value in the middle; they are put in order.
+fn median(values: &mut [f64]) -> Option<f64> {
+    values.sort_unstable_by(f64::total_cmp);
+    values.get(values.len() / 2).copied()
 }

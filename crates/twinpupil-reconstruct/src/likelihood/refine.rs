@@ -116,8 +116,10 @@ pub(crate) struct Workspace {
     glance: Glance,
 }
 
-/// Rounds before which it is found how the light grows: from about where the dots are, and from where they are.
-const LIGHT_ROUNDS: [usize; 5] = [1, 2, 3, 4, 6];
+/// Rounds before which it is found how the light grows: from about where the dots are, and from where they are; and on
+/// if it does.
+const LIGHT_ROUNDS: [usize; 2] = [1, 2];
+const LIGHT_ROUNDS_UNEVEN: [usize; 3] = [3, 4, 6];
 
 /// Rounds before which positions are rough.
 const ROUGH_ROUNDS: usize = 3;
@@ -166,6 +168,7 @@ impl ForwardModel {
         bodies.extend(seeds.iter().map(|seed| body(seed, &views, background)));
         let mut joint = Joint { bands: &views, bodies, buffers };
         joint.begin();
+        let mut is_uneven = false;
         for round in 0..ROUNDS {
             let neighbours = if round < ROUGH_ROUNDS { NEIGHBOURS_ROUGH } else { NEIGHBOURS };
             lay_surface(joint.bodies, neighbours, slopes, chi2s);
@@ -177,8 +180,8 @@ impl ForwardModel {
                     break;
                 }
             }
-            if LIGHT_ROUNDS.contains(&round) {
-                set_illumination(&mut joint, glance);
+            if LIGHT_ROUNDS.contains(&round) || is_uneven && LIGHT_ROUNDS_UNEVEN.contains(&round) {
+                is_uneven = set_illumination(&mut joint, round > LIGHT_ROUNDS[0], glance);
             }
             joint.refresh_moving();
             joint.round();
