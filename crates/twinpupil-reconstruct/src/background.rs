@@ -62,7 +62,7 @@ impl Background {
             Polarity::Dark => 1.0 - GROUND_SHARE,
         };
         surface.set_to_quantiles(&samples, share);
-        let measured_noise = pixel_noise(plane);
+        let measured_noise = measured_noise(plane);
         let mut ground = Self { mean: surface.mean(), surface, pixel_noise: measured_noise, polarity };
         let contrast = quantile(&mut samples.iter().map(|sample| ground.away(sample)).collect::<Vec<_>>(), 0.995);
         for limit in GROUND_LIMITS {
@@ -119,7 +119,7 @@ fn longer_tail(samples: &[Sample], surface: &mut Surface) -> Polarity {
 
 /// Noise of one pixel from second differences along rows, which a slope does not reach: 1.4826 × their median size,
 /// over √6.
-fn pixel_noise(plane: &PlaneView<'_>) -> f64 {
+pub(crate) fn measured_noise(plane: &PlaneView<'_>) -> f64 {
     let stride = stride(plane);
     let mut differences = Vec::new();
     for row in (0..plane.rows).step_by(stride) {

@@ -42,7 +42,7 @@ impl Normal {
     /// Of pixels that see a spot of some contrast.
     pub(crate) fn of(light: &Light, contrast: f64, weights: &Weights, weighted: &mut Vec<f32>) -> Self {
         let count = weights.weight.len();
-        weighted.resize(count, 0.0);
+        weighted.resize(BLOCK, 0.0);
         let mut sums = Sums::default();
         sums.fill(light, weights, weighted);
         let scales = [contrast, contrast, contrast, contrast, 1.0, 1.0];
@@ -116,25 +116,32 @@ struct Sums {
 impl Sums {
     fn fill(&mut self, light: &Light, weights: &Weights, weighted: &mut [f32]) {
         let Light { light, with_u, with_v, with_radius, with_blur, open, .. } = light;
-        sum_products([with_u, with_v, with_radius, with_blur, light, open], weights, weighted, self);
+        let columns: [&[f32]; UNKNOWNS] = [with_u, with_v, with_radius, with_blur, light, open];
+        let count = weights.weight.len();
+        for start in (0..count).step_by(BLOCK) {
+            let block = start..(start + BLOCK).min(count);
+            let (weight, residual) = (&weights.weight[block.clone()], &weights.residual[block.clone()]);
+            let columns = columns.map(|column| &column[block.clone()]);
+            add_products(columns, weight, residual, &mut weighted[..block.len()], self);
+        }
     }
 }
 
+/// Pixels whose derivatives are near at hand.
+const BLOCK: usize = 512;
+
 #[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
-fn sum_products(columns: [&[f32]; UNKNOWNS], weights: &Weights, weighted: &mut [f32], sums: &mut Sums) {
-    let count = weighted.len();
-    let (weight, residual) = (&weights.weight[..count], &weights.residual[..count]);
-    let columns = columns.map(|column| &column[..count]);
+fn add_products(columns: [&[f32]; UNKNOWNS], weight: &[f32], residual: &[f32], weighted: &mut [f32], sums: &mut Sums) {
     for i in 0..UNKNOWNS {
         scale(weighted, weight, columns[i]);
         for (product, column) in sums.products[i].iter_mut().zip(&columns).skip(i) {
-            *product = sum(weighted, column);
+            *product += sum(weighted, column);
         }
-        sums.score[i] = sum(weighted, residual);
+        sums.score[i] += sum(weighted, residual);
     }
     scale(weighted, weight, residual);
-    sums.chi2 = sum(weighted, residual);
-    sums.used = weight.iter().map(|weight| u32::from(*weight > 0.0)).sum::<u32>() as usize;
+    sums.chi2 += sum(weighted, residual);
+    sums.used += weight.iter().map(|weight| u32::from(*weight > 0.0)).sum::<u32>() as usize;
 }
 
 #[inline(always)]

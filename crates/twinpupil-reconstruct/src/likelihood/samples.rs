@@ -103,12 +103,11 @@ impl Samples {
         let (step, line) = (plane.step_px, plane.line(row));
         for Span { first, end } in [Span { end: inner.first, ..window }, Span { first: inner.end, ..window }] {
             if end > first {
-                let start = self.codes.len();
-                self.codes.resize(start + end - first, 0.0);
-                convert(&line[first * step..], step, &mut self.codes[start..]);
+                let (start, count) = (self.codes.len(), end - first);
+                let Places { du, dv } = &mut self.places;
+                [du, dv, &mut self.codes].into_iter().for_each(|values| values.resize(start + count, dv_px as f32));
                 let first_px = (plane.frame_u_px(first as f64) - u_px) as f32;
-                self.places.du.extend((0..end - first).map(|k| first_px + (step * k) as f32));
-                self.places.dv.resize(start + end - first, dv_px as f32);
+                convert(&line[first * step..], step, first_px, &mut self.codes[start..], &mut self.places.du[start..]);
             }
         }
         if let Some(row) = full_row(plane, row, rings) {
@@ -141,9 +140,13 @@ fn full_row<'a>(plane: &PlaneView<'a>, row: usize, rings: &Rings) -> Option<Full
     })
 }
 
-/// Every `step`-th code as a number.
+/// Every `step`-th code as a number, and its place from that of the first on.
 #[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
-fn convert(line: &[u16], step: usize, out: &mut [f32]) {
+fn convert(line: &[u16], step: usize, first_px: f32, out: &mut [f32], du: &mut [f32]) {
+    let step_px = step as f32;
+    for (k, du) in du.iter_mut().enumerate() {
+        *du = first_px + step_px * (k as u32) as f32;
+    }
     match step {
         1 => out.iter_mut().zip(line).for_each(|(value, code)| *value = f32::from(*code)),
         2 => {

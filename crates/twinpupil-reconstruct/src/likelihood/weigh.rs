@@ -2,7 +2,7 @@
 
 use multiversion::multiversion;
 
-use crate::likelihood::black::Black;
+use crate::likelihood::black::{Black, Reading};
 use crate::likelihood::light::{Light, Places};
 
 /// Weights and residuals of pixels, for derivatives of the light alone: what the illumination and the end of the scale
@@ -36,6 +36,9 @@ pub(crate) struct Judge<'a> {
     limit: f32,
 }
 
+/// Least change of a code with light that counts.
+const SLOPE_MIN: f32 = 1e-3;
+
 impl<'a> Judge<'a> {
     pub(crate) fn new(black: &'a Black, saturated: f32, limit: f32) -> Self {
         const FULL_SIGMAS: f64 = 3.0;
@@ -62,7 +65,8 @@ impl Weights {
         for values in [&mut *weight, &mut *residual, &mut *model] {
             values.resize(count, 0.0);
         }
-        let darkest = weigh(codes, places, light, others, levels, judge, [weight, residual, model]);
+        let ground = Ground::of(levels, judge.black);
+        let darkest = weigh(codes, places, light, others, levels, judge, &ground, [weight, residual, model]);
         if darkest < judge.black.light_max {
             self.clip_at_black(codes, places, levels, judge);
         }
@@ -72,16 +76,12 @@ impl Weights {
     fn clip_at_black(&mut self, codes: &[f32], places: &Places, levels: &Levels, judge: &Judge<'_>) {
         let black_level = judge.black.noise().black_level as f32;
         let [gu, gv] = levels.growth;
-        // Most of the ground has the same light.
-        let (mut last, mut reading) = (f32::NAN, judge.black.read(0.0));
         for (k, code) in codes.iter().enumerate() {
             let light = self.model[k];
             if light < judge.black.light_max && *code < judge.saturated {
-                if light != last {
-                    (last, reading) = (light, judge.black.read(light));
-                }
+                let reading = judge.black.read(light);
                 let left = code - black_level - reading.mean;
-                let slope = reading.slope.max(1e-3) * (1.0 + gu * places.du[k] + gv * places.dv[k]);
+                let slope = reading.slope.max(SLOPE_MIN) * (1.0 + gu * places.du[k] + gv * places.dv[k]);
                 let out = left * left * reading.trust > judge.limit;
                 self.weight[k] = if out { 0.0 } else { reading.trust * slope * slope };
                 self.residual[k] = left / slope;
@@ -90,7 +90,27 @@ impl Weights {
     }
 }
 
-/// Fills weights, residuals and modelled light; the least light of all.
+/// What pixels of the bare ground read, all of which have the same light: most of those near black are such.
+struct Ground {
+    /// Their light; nothing is equal to it where the ground is bright or unevenly lit.
+    light: f32,
+    reading: Reading,
+}
+
+impl Ground {
+    fn of(levels: &Levels, black: &Black) -> Self {
+        let is_dark = levels.background < black.light_max && levels.growth == [0.0; 2];
+        let reading = black.reading(levels.background);
+        Self {
+            light: if is_dark { levels.background } else { f32::NAN },
+            reading: Reading { slope: reading.slope.max(SLOPE_MIN), ..reading },
+        }
+    }
+}
+
+/// Fills weights, residuals and modelled light, that of the bare ground as if it were far from black; the least light of
+/// all.
+#[expect(clippy::too_many_arguments, reason = "a loop over all that pixels have")]
 #[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
 fn weigh(
     codes: &[f32],
@@ -99,6 +119,7 @@ fn weigh(
     others: &[f32],
     levels: &Levels,
     judge: &Judge<'_>,
+    ground: &Ground,
     [weight, residual, model]: [&mut [f32]; 3],
 ) -> f32 {
     const LANES: usize = 8;
@@ -112,13 +133,15 @@ fn weigh(
     for k in 0..count {
         let lit = 1.0 + gu * du[k] + gv * dv[k];
         let lights = others[k] + lit * (contrast * own[k] + background * open[k]);
-        let trust = 1.0 / (floor + slope * lights.max(0.0));
-        let left = codes[k] - black_level - lights;
+        let bare = lights == ground.light;
+        let trust = if bare { ground.reading.trust } else { 1.0 / (floor + slope * lights.max(0.0)) };
+        let left = codes[k] - black_level - if bare { ground.reading.mean } else { lights };
+        let felt = if bare { ground.reading.slope } else { lit };
         let full = (codes[k] >= saturated) | ((lights > judge.full) & (codes[k] > judge.spared));
         let out = full | (left * left * trust > limit);
-        weight[k] = if out { 0.0 } else { trust * lit * lit };
-        residual[k] = left / lit;
-        model[k] = lights;
+        weight[k] = if out { 0.0 } else { trust * felt * felt };
+        residual[k] = left / felt;
+        model[k] = if bare { f32::INFINITY } else { lights };
     }
     let mut darkest = [f32::INFINITY; LANES];
     let (chunks, rest) = model.as_chunks::<LANES>();

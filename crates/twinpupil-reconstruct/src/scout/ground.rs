@@ -3,7 +3,7 @@
 use multiversion::multiversion;
 use twinpupil_instrument::PlaneView;
 
-use crate::background::{Background, Polarity, quantile};
+use crate::background::{Background, Polarity, measured_noise, quantile};
 use crate::noise::Noise;
 use crate::quantile::code_quantile;
 use crate::shading::Shading;
@@ -47,6 +47,9 @@ const EVEN_SIGMAS: f32 = 2.0;
 /// Samples within so many standard deviations of the ground belong to it.
 const GROUND_SIGMAS: f32 = 2.5;
 
+/// A ground that scatters by more than so many times the noise of its pixels is not even.
+const NOISIER: f32 = 4.0;
+
 /// Least noise of a pixel: that of rounding to whole codes, 1/√12.
 const ROUNDING_NOISE: f32 = 0.29;
 
@@ -71,9 +74,10 @@ impl Ground {
         let (lowest, highest) = tiles.iter().fold((f32::MAX, f32::MIN), |(a, b), &t| (a.min(t), b.max(t)));
         let start = quantile(&mut tiles, 0.5);
         let (level, scatter) = level_and_scatter(codes, start, side);
-        let known = noise.map_or(0.0, |noise| noise.variance(level).sqrt() as f32);
+        let known = noise.map_or_else(|| measured_noise(plane), |noise| noise.variance(level).sqrt()) as f32;
         let pixel_noise = known.max(scatter).max(ROUNDING_NOISE);
-        if highest - lowest <= EVEN_SIGMAS * pixel_noise {
+        // Light that grows across the frame scatters its levels too.
+        if highest - lowest <= EVEN_SIGMAS * pixel_noise.min(NOISIER * known.max(ROUNDING_NOISE)) {
             return Self { polarity: side, level, pixel_noise, surface: None };
         }
         let surface = Background::estimate(plane, polarity, noise, shading);
