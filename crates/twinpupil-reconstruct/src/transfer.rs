@@ -54,12 +54,13 @@ impl Noise {
         let levels = levels(plane, stated);
         let is_free = |level: &Level| level.code > FREE_SIGMAS * level.variance.sqrt();
         let free: Vec<Level> = levels.iter().filter(|level| is_free(level)).copied().collect();
-        let darkest = levels.iter().find(|level| !is_free(level));
+        // Brighter ones that scatter so much are no levels but edges.
+        let darkest = levels.first().filter(|level| !is_free(level));
         let line = Line::through(&free, stated.black_level).filter(Line::is_sure);
         let measured = match (line, darkest) {
             (Some(line), None) => Self { floor_codes2: line.floor, slope_codes: line.slope, ..*stated },
             (Some(line), Some(dark)) => Self { slope_codes: line.slope, ..*stated }.with_floor_of(dark),
-            (None, Some(dark)) => stated.with_floor_of(dark),
+            (None, Some(dark)) => stated.with_floor_of(dark).with_slope_of(&free),
             (None, None) => stated.scaled_to(&free),
         };
         Self { floor_codes2: measured.floor_codes2.max(ROUNDING_CODES2), ..measured }
@@ -75,6 +76,24 @@ impl Noise {
             if with_floor(middle).variance_that_reads(dark.code) < dark.variance { low = middle } else { high = middle }
         }
         with_floor(0.5 * (low + high))
+    }
+
+    /// With the slope that levels show over the floor; those that scatter far more than others are not flat.
+    fn with_slope_of(&self, levels: &[Level]) -> Self {
+        const ROUNDS: usize = 3;
+        const FAR_SIGMAS: f64 = 4.0;
+        let slope = |level: &Level| (level.variance - self.floor_codes2) / (level.code - self.black_level);
+        let slope_std = |level: &Level| level.std / (level.code - self.black_level);
+        let Some(mut slope_codes) = levels.iter().map(slope).min_by(f64::total_cmp) else { return *self };
+        for _ in 0..ROUNDS {
+            let near = levels.iter().filter(|level| slope(level) - slope_codes < FAR_SIGMAS * slope_std(level));
+            let (sum, weights) = near.fold((0.0, 0.0), |(sum, weights), level| {
+                let weight = slope_std(level).powi(-2);
+                (sum + weight * slope(level), weights + weight)
+            });
+            slope_codes = sum / weights;
+        }
+        if slope_codes.is_finite() && slope_codes > 0.0 { Self { slope_codes, ..*self } } else { *self }
     }
 
     /// Variance of the codes of a pixel whose mean code is `code`, none of which is below zero.

@@ -74,9 +74,10 @@ impl Ground {
         let (lowest, highest) = tiles.iter().fold((f32::MAX, f32::MIN), |(a, b), &t| (a.min(t), b.max(t)));
         let start = quantile(&mut tiles, 0.5);
         let (level, scatter) = level_and_scatter(codes, start, side);
-        let known = noise.map_or_else(|| measured_noise(plane), |noise| noise.variance(level).sqrt()) as f32;
-        let pixel_noise = known.max(scatter).max(ROUNDING_NOISE);
+        let known = noise.map(|noise| noise.variance(level).sqrt() as f32);
+        let pixel_noise = known.unwrap_or(0.0).max(scatter).max(ROUNDING_NOISE);
         // Light that grows across the frame scatters its levels too.
+        let known = known.unwrap_or_else(|| measured_noise(plane) as f32);
         if highest - lowest <= EVEN_SIGMAS * pixel_noise.min(NOISIER * known.max(ROUNDING_NOISE)) {
             return Self { polarity: side, level, pixel_noise, surface: None };
         }
