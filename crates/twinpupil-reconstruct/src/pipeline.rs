@@ -214,6 +214,8 @@ struct Fitting {
     refined: Vec<Option<Refined>>,
     depths_mm: Vec<f64>,
     is_shown: Vec<bool>,
+    /// Which points are none of a disc.
+    is_other: Vec<bool>,
 }
 
 /// An instrument made ready to read frames.
@@ -335,11 +337,12 @@ impl Reconstructor {
         fitting.seeds.clear();
         fitting.seeds.extend(placing.points.iter().flatten().map(|placed| seed(placed, detections)));
         self.add_lone_seeds(detections, placing, fitting);
-        let Fitting { seeds, workspace, refined, .. } = fitting;
+        let Fitting { seeds, workspace, refined, is_other, .. } = fitting;
         self.forward.refine(planes, seeds, &background, workspace, refined);
         let mut refined = refined.iter_mut();
-        let mut is_other = vec![false; placing.points.len()];
-        for (place, is_other) in placing.points.iter_mut().zip(&mut is_other) {
+        is_other.clear();
+        is_other.resize(placing.points.len(), false);
+        for (place, is_other) in placing.points.iter_mut().zip(&mut *is_other) {
             let Some(placed) = place else { continue };
             let is_saturated = placed.is_saturated();
             let disc = refined.next().and_then(Option::take).filter(|refined| refined.is_disc(is_saturated));
@@ -353,7 +356,7 @@ impl Reconstructor {
         if is_other.contains(&true) {
             let detections: Vec<Detection> =
                 (0..planes.len()).map(|band| self.with_moments(band, &planes[band], &detections[band])).collect();
-            self.place_by_moments(&detections, &placing.groups, &mut placing.points, &is_other);
+            self.place_by_moments(&detections, &placing.groups, &mut placing.points, is_other);
         }
     }
 

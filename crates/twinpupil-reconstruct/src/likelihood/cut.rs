@@ -11,6 +11,7 @@
 //! mask meet in a pencil, lines across the pupil have to tell the rest, see [`chords`](crate::likelihood::chords).
 
 use multiversion::multiversion;
+use smallvec::SmallVec;
 
 use crate::likelihood::chords::{Circles, Dots, Edges, LANES, Lanes, lanes, share};
 use crate::likelihood::light::{EdgeView, Light, Local, Places, SHARP_PX, WIDE_PX};
@@ -167,8 +168,8 @@ fn kinds(local: &Local, places: &Places, touched: &[f32], kind: &mut [f32]) {
 /// The edges along one way through the masks.
 struct Way {
     /// Light passes outside the shut ones and inside the rims.
-    shuts: Vec<Circle>,
-    rims: Vec<Circle>,
+    shuts: SmallVec<[Circle; 2]>,
+    rims: SmallVec<[Circle; 2]>,
 }
 
 /// An [`Edge`] in the unit disc of the pupil.
@@ -200,7 +201,7 @@ impl Way {
 
     /// The shut circles and the rims as samples see them.
     #[inline(always)]
-    fn seen_by(&self, edges: &Edges) -> [Vec<Circles>; 2] {
+    fn seen_by(&self, edges: &Edges) -> [SmallVec<[Circles; 2]>; 2] {
         [&self.shuts, &self.rims].map(|circles| circles.iter().map(|circle| circle.seen_by(edges)).collect())
     }
 }

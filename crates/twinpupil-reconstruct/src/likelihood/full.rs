@@ -124,20 +124,30 @@ impl Full {
     }
 
     /// The same pixels without those that are saturated or do not fit to the others.
-    pub(crate) fn without_foreign(&self, noise: &Noise, code_max: u16, rows: &[FullRow<'_>]) -> Self {
+    pub(crate) fn without_foreign<'r>(
+        &self,
+        noise: &Noise,
+        code_max: u16,
+        rows: impl Iterator<Item = FullRow<'r>> + Clone,
+    ) -> Self {
         const ROUNDS: usize = 3;
-        let whole = self.kept(rows, code_max, |_, _| true);
+        let whole = self.kept(rows.clone(), code_max, |_, _| true);
         let mut kept = whole.clone();
         for _ in 0..ROUNDS {
             let Some(incline) = kept.incline() else { break };
             let bound = FOREIGN_SIGMAS * noise.variance(self.level + incline.level).sqrt();
-            kept = self.kept(rows, code_max, |place, code| (code - incline.at(place)).abs() < bound);
+            kept = self.kept(rows.clone(), code_max, |place, code| (code - incline.at(place)).abs() < bound);
         }
         let foreign = kept.masked - whole.masked;
         if foreign as f64 > FOREIGN_SHARE * self.count { whole } else { kept }
     }
 
-    fn kept(&self, rows: &[FullRow<'_>], code_max: u16, is_own: impl Fn([f64; 2], f64) -> bool) -> Self {
+    fn kept<'r>(
+        &self,
+        rows: impl Iterator<Item = FullRow<'r>>,
+        code_max: u16,
+        is_own: impl Fn([f64; 2], f64) -> bool,
+    ) -> Self {
         let mut kept = Self::about(self.level as f32);
         for row in rows {
             for (k, code) in row.codes.iter().step_by(row.step).take(row.count).enumerate() {
@@ -322,7 +332,7 @@ mod tests {
         let rows = rows(&codes, 52);
         let full = of(&rows);
         assert!(!full.is_even(&NOISE, 4095));
-        let kept = full.without_foreign(&NOISE, 4095, &rows);
+        let kept = full.without_foreign(&NOISE, 4095, rows.iter().copied());
         assert_eq!((kept.masked, kept.count()), (2, clean.count() - 2.0));
         assert!(kept.is_even(&NOISE, 4095));
     }
@@ -331,7 +341,7 @@ mod tests {
     fn a_pattern_is_no_defect() {
         let codes: Vec<u16> = (0..520).map(|k| if (k / 20) % 2 == 0 { 1000 } else { 1500 }).collect();
         let rows = rows(&codes, 52);
-        let kept = of(&rows).without_foreign(&NOISE, 4095, &rows);
+        let kept = of(&rows).without_foreign(&NOISE, 4095, rows.iter().copied());
         assert_eq!(kept.masked, 0);
     }
 }

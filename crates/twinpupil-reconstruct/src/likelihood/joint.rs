@@ -145,8 +145,8 @@ impl Joint<'_> {
         let Self { bands, bodies, buffers } = self;
         let bands: &[BandView<'_>] = bands;
         // Images of different bands never meet: each band lies beside the one before.
-        let apart_px: Vec<f64> = bands.iter().map(|view| (view.plane.columns * view.plane.step_px) as f64).collect();
-        let widest_px = 4.0 * apart_px.iter().fold(0.0, |widest: f64, width| widest.max(*width));
+        let widths_px = bands.iter().map(|view| view.plane.columns * view.plane.step_px);
+        let widest_px = 4.0 * widths_px.max().unwrap_or(0) as f64;
         let circles = bodies.iter().enumerate().filter(|(_, body)| body.alive).flat_map(|(index, body)| {
             body.bands.iter().enumerate().filter_map(move |(band, light)| {
                 let spot = &light.as_ref()?.spot;

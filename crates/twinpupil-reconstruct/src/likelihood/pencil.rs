@@ -28,8 +28,8 @@ pub(crate) struct Pencil {
     ways: Vec<Vec<Ring>>,
 }
 
-/// Ways through the masks, each with the edges that cut it; real masks leave one way with at most two edges.
-pub(crate) type Ways = SmallVec<[SmallVec<[Edge; 2]>; 1]>;
+/// Ways through the masks, each with the edges that cut it; real masks leave one way with few edges.
+pub(crate) type Ways = SmallVec<[SmallVec<[Edge; 4]>; 1]>;
 
 /// The circle of a mask's zone in the coordinates of the pupil, about `start + per_image p`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -143,7 +143,7 @@ impl StopView {
 }
 
 /// The edges of rings that cut the unit disc somewhere in the disc of image points; `None` if a ring blocks all of it.
-fn edges(rings: &[Ring], centre_mm: Vector2, radius_mm: f64) -> Option<SmallVec<[Edge; 2]>> {
+fn edges(rings: &[Ring], centre_mm: Vector2, radius_mm: f64) -> Option<SmallVec<[Edge; 4]>> {
     let mut edges = SmallVec::new();
     for ring in rings {
         let Ring { start, per_image, .. } = *ring;

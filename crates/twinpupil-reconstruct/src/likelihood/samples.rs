@@ -89,8 +89,7 @@ impl Samples {
         others.for_each(|(_, row)| self.read_row(plane, row, &rings, &mut full));
         let counts = [quarter, self.codes.len() - first];
         if !full.is_even(noise, plane.code_max) {
-            let inner: Vec<FullRow<'_>> = rows.filter_map(|row| full_row(plane, row, &rings)).collect();
-            full = full.without_foreign(noise, plane.code_max, &inner);
+            full = full.without_foreign(noise, plane.code_max, rows.filter_map(|row| full_row(plane, row, &rings)));
         }
         Window { rings, first, counts, full }
     }
