@@ -19,6 +19,8 @@ pub(crate) struct Body {
     pub(crate) z_prior_mm: Option<(f64, f64)>,
     /// The step that the last equations ask for, in x, y, z and diameter, mm.
     step: Vector4<f64>,
+    /// What the last equations tell of them, and its factor.
+    information: Matrix4<f64>,
     equations: Option<Cholesky<f64, Const<4>>>,
     /// Size of the last step in standard deviations, and that of its position alone.
     pub(crate) step_sigmas: f64,
@@ -166,6 +168,7 @@ impl Body {
             bands: SmallVec::new(),
             z_prior_mm,
             step: Vector4::zeros(),
+            information: Matrix4::zeros(),
             equations: None,
             step_sigmas: f64::INFINITY,
             moved_sigmas: f64::INFINITY,
@@ -225,8 +228,12 @@ impl Body {
         !self.alive || unseen || self.masked && self.seen == Share::All && self.moved_sigmas < enough
     }
 
-    /// Information on x, y, z and diameter from all bands.
+    /// Information on x, y, z and diameter from all bands when they were last looked at.
     pub(crate) fn information(&self) -> Matrix4<f64> {
+        self.information
+    }
+
+    fn sum_information(&self) -> Matrix4<f64> {
         let mut information = Matrix4::zeros();
         for light in self.bands.iter().flatten() {
             if let Some(shape) = &light.shape {
@@ -241,7 +248,8 @@ impl Body {
 
     /// Gets ready to solve its equations.
     pub(crate) fn factorise(&mut self) {
-        self.equations = self.information().cholesky();
+        self.information = self.sum_information();
+        self.equations = self.information.cholesky();
         self.alive &= self.equations.is_some();
         self.step = Vector4::zeros();
         for light in self.bands.iter_mut().flatten() {
@@ -305,7 +313,7 @@ impl Body {
 
     /// Size of the step of x, y and z in standard deviations, whatever the diameter may do.
     fn moved_sigmas(&self) -> f64 {
-        let information = self.information();
+        let information = &self.information;
         let shared: Vector3<f64> = information.fixed_view::<3, 1>(0, 3).into_owned();
         let own = information.fixed_view::<3, 3>(0, 0) - shared * shared.transpose() / information[(3, 3)].max(1e-12);
         let step = self.step.xyz();

@@ -121,8 +121,9 @@ pub(crate) struct Workspace {
 const LIGHT_ROUNDS: [usize; 2] = [1, 2];
 const LIGHT_ROUNDS_UNEVEN: [usize; 3] = [3, 4, 6];
 
-/// Rounds before which positions are rough.
+/// Rounds before which positions are rough; of so many dots each is too small to feel its slope so soon.
 const ROUGH_ROUNDS: usize = 3;
+const CROWD: usize = 400;
 
 impl ForwardModel {
     /// The model of the bands of an instrument with these indices.
@@ -170,7 +171,8 @@ impl ForwardModel {
         joint.begin();
         let mut is_uneven = false;
         for round in 0..ROUNDS {
-            let neighbours = if round < ROUGH_ROUNDS { NEIGHBOURS_ROUGH } else { NEIGHBOURS };
+            let is_rough = round < ROUGH_ROUNDS && joint.bodies.len() < CROWD;
+            let neighbours = if is_rough { NEIGHBOURS_ROUGH } else { NEIGHBOURS };
             lay_surface(joint.bodies, neighbours, slopes, chi2s);
             set_slopes(joint.bodies, slopes, |body| !body.rests());
             if joint.bodies.iter().all(Body::rests) {
