@@ -1,5 +1,6 @@
 //! The whole way from a frame to points, as in Section 3 of the paper: planes, features, pairs, positions.
 
+use std::f64::consts::PI;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use smallvec::SmallVec;
@@ -442,20 +443,38 @@ impl Reconstructor {
         depths_mm.clear();
         depths_mm.extend(placing.points.iter().flatten().map(|placed| placed.point.position_mm[2]));
         depths_mm.sort_unstable_by(f64::total_cmp);
-        let z_mm = depths_mm.get(depths_mm.len() / 2).copied().unwrap_or(self.instrument.focus_distance_mm());
+        let middle = depths_mm.len() / 2;
+        let z_mm = depths_mm.get(middle).copied().unwrap_or(self.instrument.focus_distance_mm());
+        let typical = |values: &mut Vec<f64>, all: &mut dyn Iterator<Item = f64>| {
+            values.clear();
+            values.extend(all);
+            values.sort_unstable_by(f64::total_cmp);
+            values.get(values.len() / 2).copied()
+        };
+        let points = || placing.points.iter().flatten();
+        let diameter_mm = typical(depths_mm, &mut points().map(|placed| placed.point.diameter_mm));
         for (band, detection) in detections.iter().enumerate() {
+            let height_codes =
+                typical(depths_mm, &mut detection.features.iter().map(|feature| feature.height_codes)).unwrap_or(0.0);
             is_shown.clear();
             is_shown.resize(detection.features.len(), false);
             for (group, _) in placing.groups.iter().zip(&placing.points).filter(|(_, point)| point.is_some()) {
                 group.feature(band).into_iter().for_each(|index| is_shown[index] = true);
             }
             let shown = detection.features.iter().zip(&*is_shown);
-            let alone = shown.filter(|(_, shown)| !**shown).map(|(feature, _)| feature);
-            let bystanders = detection.rejected.iter().map(|bystander| &bystander.feature);
-            for feature in alone.chain(bystanders) {
-                let image = self.instrument.sensor.image_from_pixel(feature.centre);
+            let alone = shown.filter(|(_, shown)| !**shown).map(|(feature, _)| (*feature, false));
+            let bystanders = detection.rejected.iter();
+            let bystanders =
+                bystanders.map(|bystander| (bystander.feature, bystander.reason == RejectionReason::CutByBorder));
+            for (mut feature, is_cut) in alone.chain(bystanders) {
                 let m = self.model.magnification(band, z_mm);
-                let diameter_px = 2.0 * (feature.area_px / std::f64::consts::PI).sqrt();
+                if let Some(diameter_mm) = diameter_mm.filter(|_| is_cut) {
+                    let diameter_px = diameter_mm * m.abs() / self.instrument.sensor.pitch_mm;
+                    complete(&mut feature, diameter_px, height_codes, self.instrument.sensor.size_px);
+                }
+                let feature = &feature;
+                let image = self.instrument.sensor.image_from_pixel(feature.centre);
+                let diameter_px = 2.0 * (feature.area_px / PI).sqrt();
                 // What fills the frame is no dot whose skirts could matter.
                 if diameter_px > WIDEST_SHARE * height_px {
                     continue;
@@ -695,7 +714,7 @@ impl Reconstructor {
     fn apparent_diameter_mm(&self, features: &[Feature; 2], z_mm: f64) -> f64 {
         let (magnifications, blurs_mm) = (self.model.magnifications(z_mm), self.model.blur_radii_mm(z_mm));
         let diameters_mm = [0, 1].map(|role| {
-            let half_lit_px = (features[role].area_px / std::f64::consts::PI).sqrt();
+            let half_lit_px = (features[role].area_px / PI).sqrt();
             let half_lit_mm = half_lit_px * self.instrument.sensor.pitch_mm;
             2.0 * (half_lit_mm + blurs_mm[role].powi(2) / (8.0 * half_lit_mm)) / magnifications[role]
         });
@@ -722,4 +741,63 @@ fn seed(placed: &Placed, detections: &[Detection]) -> Seed {
 /// Of the contrasts of a plane's features.
 fn sign(detection: &Detection) -> f64 {
     if detection.polarity == Polarity::Bright { 1.0 } else { -1.0 }
+}
+
+/// Makes what the border leaves of a feature a whole disc of the typical diameter, which shows that area.
+///
+/// Of a disc of radius R whose centre lies h inside of a line, `R² arccos(−h/R) + h √(R² − h²)` is inside.
+fn complete(feature: &mut Feature, diameter_px: f64, height_codes: f64, size_px: [usize; 2]) {
+    const HALVINGS: usize = 30;
+    let radius_px = 0.5 * diameter_px;
+    if feature.area_px > PI * radius_px * radius_px {
+        return;
+    }
+    let inside = |h: f64| radius_px * radius_px * (-h / radius_px).acos() + h * (radius_px * radius_px - h * h).sqrt();
+    let (mut low, mut high) = (-radius_px, radius_px);
+    for _ in 0..HALVINGS {
+        let middle = 0.5 * (low + high);
+        if inside(middle) < feature.area_px { low = middle } else { high = middle }
+    }
+    let [width_px, height_px] = size_px.map(|size| size as f64 - 0.5);
+    let PixelPoint { u, v } = feature.centre;
+    let gaps_px = [u + 0.5, width_px - u, v + 0.5, height_px - v];
+    let nearest = (0..4).min_by(|a, b| gaps_px[*a].total_cmp(&gaps_px[*b])).unwrap_or(0);
+    let centre = &mut feature.centre;
+    match nearest {
+        0 => centre.u = low - 0.5,
+        1 => centre.u = width_px - low,
+        2 => centre.v = low - 0.5,
+        _ => centre.v = height_px - low,
+    }
+    feature.area_px = PI * radius_px * radius_px;
+    feature.height_codes = feature.height_codes.max(height_codes);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn half_a_dot_at_the_border_is_a_whole_one() {
+        let seen = |u: f64, v: f64, area_px: f64| {
+            let centre = PixelPoint { u, v };
+            let mut feature = Feature {
+                centre,
+                centre_std_px: [0.5; 2],
+                area_px,
+                height_codes: 900.0,
+                ground_codes: 0.0,
+                edge_px: 2.0,
+                overlapped: false,
+            };
+            complete(&mut feature, 40.0, 1000.0, [200, 100]);
+            feature
+        };
+        let half = seen(60.0, 8.0, 0.5 * PI * 400.0);
+        assert!((half.centre.v + 0.5).abs() < 1e-6 && half.centre.u == 60.0, "{half:?}");
+        assert!((half.area_px - PI * 400.0).abs() < 1e-9 && half.height_codes == 1000.0);
+        let sliver = seen(196.0, 50.0, 100.0);
+        assert!((200.0..219.5).contains(&sliver.centre.u), "{sliver:?}");
+        assert_eq!(seen(60.0, 8.0, 2000.0).area_px, 2000.0);
+    }
 }

@@ -99,10 +99,9 @@ impl Joint<'_> {
         self.meet_neighbours();
         let mut moving = std::mem::take(&mut self.buffers.moving);
         moving.clear();
-        for (index, body) in self.bodies.iter_mut().enumerate() {
-            body.moves = !body.rests();
-            moving.extend(body.moves.then_some(index as u32));
-        }
+        self.bodies.iter_mut().for_each(|body| body.moves = !body.rests());
+        moving.extend((0..self.bodies.len() as u32).filter(|index| self.is_stirred(*index as usize)));
+        moving.iter().for_each(|index| self.bodies[*index as usize].moves = true);
         for index in &moving {
             self.measure(*index as usize);
         }
@@ -114,6 +113,19 @@ impl Joint<'_> {
             self.refresh(*index as usize, softening_px);
         }
         self.buffers.moving = moving;
+    }
+
+    /// Whether a body moves, or a neighbour that is far from its place yet.
+    fn is_stirred(&self, index: usize) -> bool {
+        const FAR_SIGMAS: f64 = 20.0;
+        let bands = self.bands.len();
+        let is_far = |other: &u32| {
+            let other = &self.bodies[*other as usize / bands];
+            other.moves && other.moved_sigmas > FAR_SIGMAS
+        };
+        let body = &self.bodies[index];
+        let neighbours = || (0..bands).flat_map(|band| self.buffers.neighbours.of(index * bands + band));
+        body.moves || body.alive && body.is_placed() && neighbours().any(is_far)
     }
 
     /// Brings the images of all bodies up to date that do not rest.
