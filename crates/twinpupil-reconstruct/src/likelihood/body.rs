@@ -154,11 +154,12 @@ const PATIENCE_SATURATED: usize = 11;
 const NEAR_SIGMAS: f64 = 20.0;
 const NEAR_CHI2: f64 = 1.5;
 
-/// After a step this small the next would be none: each is about the square of the last, over the width of the edge.
-const LAST_SIGMAS: f64 = 8.0;
+/// After a step this small, of the position alone and with the diameter, the next would be none: each is about the square
+/// of the last, over the width of the edge.
+const LAST_SIGMAS: (f64, f64) = (8.0, 20.0);
 
 /// The same with neighbours, whose steps it feels, or on a slope as steep as this, where derivatives are less exact.
-const LAST_SIGMAS_HARD: f64 = 2.0;
+const LAST_SIGMAS_HARD: (f64, f64) = (2.0, 5.0);
 const STEEP: f64 = 0.3;
 
 impl Body {
@@ -223,9 +224,11 @@ impl Body {
     /// only on whom its light falls.
     pub(crate) fn rests(&self) -> bool {
         let is_steep = self.dot.slopes.iter().any(|slope| slope.abs() > STEEP);
-        let enough = if self.has_neighbours || self.saturated || is_steep { LAST_SIGMAS_HARD } else { LAST_SIGMAS };
+        let is_hard = self.has_neighbours || self.saturated || is_steep;
+        let (enough, whole) = if is_hard { LAST_SIGMAS_HARD } else { LAST_SIGMAS };
         let unseen = self.z_prior_mm.is_some() && !self.has_neighbours;
-        !self.alive || unseen || self.masked && self.seen == Share::All && self.moved_sigmas < enough
+        let is_last = self.moved_sigmas < enough && self.step_sigmas < whole;
+        !self.alive || unseen || self.masked && self.seen == Share::All && is_last
     }
 
     /// Information on x, y, z and diameter from all bands when they were last looked at.

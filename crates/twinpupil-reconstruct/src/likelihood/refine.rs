@@ -94,7 +94,7 @@ impl Refined {
 const LONE_Z_STD_MM: f64 = 30.0;
 
 /// A change of slope that moves a dot's edge by so much is felt, px; the step after which the dot is looked at again.
-const SLOPE_FELT_PX: f64 = 0.025;
+const SLOPE_FELT_PX: f64 = 0.012;
 const SLOPE_SIGMAS: f64 = 20.0;
 
 /// A dot whose χ² a pixel is below the first, or below so many times that of the typical dot, is where its surface is.
