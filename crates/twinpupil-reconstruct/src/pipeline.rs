@@ -789,6 +789,7 @@ mod tests {
                 ground_codes: 0.0,
                 edge_px: 2.0,
                 overlapped: false,
+                saturated: false,
             };
             complete(&mut feature, 40.0, 1000.0, [200, 100]);
             feature
