@@ -61,16 +61,20 @@ pub(crate) struct Refined {
     pub(crate) blur_px: f64,
     pub(crate) masked_px: usize,
     pub(crate) used_px: usize,
+    /// Whether another's light reaches into its window.
+    pub(crate) has_neighbours: bool,
 }
 
 impl Refined {
     /// Whether its pixels look like those of a disc: those that count, and nearly all of them do unless the largest
-    /// code hides them.
+    /// code hides them; where a neighbour lies over it, less of them are its own.
     pub(crate) fn is_disc(&self, is_saturated: bool) -> bool {
         const MISFIT_MAX: f64 = 0.05;
         const MASKED_MAX: f64 = 0.03;
+        const MASKED_MAX_TOUCHED: f64 = 0.1;
         let masked = self.masked_px as f64 / (self.used_px + self.masked_px).max(1) as f64;
-        self.misfit < MISFIT_MAX && (is_saturated || masked < MASKED_MAX)
+        let masked_max = if self.has_neighbours { MASKED_MAX_TOUCHED } else { MASKED_MAX };
+        self.misfit < MISFIT_MAX && (is_saturated || masked < masked_max)
     }
 
     /// Whether what is left of a saturated dot's pixels tells how far away it is: of a sharp one that is a line of them,
@@ -292,5 +296,6 @@ fn refined(bodies: &[Body], couplings: &[Vec<Coupling>], index: usize, patch: &m
         blur_px: body.bands.iter().flatten().map(|light| light.spot.blur_px_min()).fold(f64::INFINITY, f64::min),
         masked_px,
         used_px: used,
+        has_neighbours: body.has_neighbours,
     })
 }

@@ -6,7 +6,7 @@ use twinpupil_reconstruct::{Mode, NoiseSource, Options, Reconstructor, Rejection
 use twinpupil_simulate::{Defects, Illumination, Scene, SceneSpec, SimulateOptions, simulate};
 use twinpupil_validation::limit::{Camera, Score};
 use twinpupil_validation::rig::Rig;
-use twinpupil_validation::scenes::{corner, discs, errors_mm, patch, shapes};
+use twinpupil_validation::scenes::{corner, discs, errors_mm, grid, pairs, patch, shapes};
 
 /// Root mean squares of twelve errors scatter by a fifth.
 const ERROR_OVER_BOUND_MAX: f64 = 1.6;
@@ -44,6 +44,15 @@ fn dark_dots_on_bright_ground() {
     for (camera, z_mm) in [(Camera::Rggb, 280.0), (Camera::Rgb, 315.0)] {
         let scene = relit(&patch(z_mm, &[1.0]), |spec| (spec.background_e, spec.brightness_e) = (20_000.0, 1000.0));
         holds(&rig(camera), &scene, &format!("{camera:?} {z_mm}"));
+    }
+}
+
+#[test]
+fn dots_that_touch_are_measured() {
+    for case in [grid(270.0, 0.1), pairs(280.0, 0.0), pairs(280.0, 10.0)] {
+        let score = case.score(Camera::Rggb, 7000);
+        assert_eq!((score.found.len(), score.false_points), (score.whole, 0), "{}: {:?}", case.name, score.rejected);
+        assert!(score.error_over_bound() < ERROR_OVER_BOUND_MAX, "{}: {} bounds", case.name, score.error_over_bound());
     }
 }
 
