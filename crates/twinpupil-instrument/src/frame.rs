@@ -242,6 +242,7 @@ impl<'a> PlaneView<'a> {
     }
 
     /// Reads as many codes of one row of the plane as `codes` holds, from column `first` on, in loops that vectorise.
+    #[inline]
     pub fn read_span(&self, row: usize, first: usize, codes: &mut [f32]) {
         let line = &self.line(row)[first * self.step_px..];
         match self.step_px {

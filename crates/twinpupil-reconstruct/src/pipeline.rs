@@ -18,6 +18,7 @@ use crate::model::{Disc, Model};
 use crate::noise::{Noise, NoiseSource};
 use crate::planes::Planes;
 use crate::position::{Position, Sighting, first_order_position_mm, gamma, model_position, paper_position};
+use crate::quantile::median;
 use crate::register::{mapped_centre, onto_reference};
 use crate::rejection::{Rejection, RejectionReason};
 use crate::shading::Shading;
@@ -213,7 +214,7 @@ struct Fitting {
     seeds: Vec<Seed>,
     workspace: Workspace,
     refined: Vec<Option<Refined>>,
-    depths_mm: Vec<f64>,
+    values: Vec<f64>,
     is_shown: Vec<bool>,
     /// Which points are none of a disc.
     is_other: Vec<bool>,
@@ -438,24 +439,20 @@ impl Reconstructor {
     /// Adds the features of one band that became no point, as dots somewhere along the line of sight.
     fn add_lone_seeds(&self, detections: &[Detection], placing: &Placing, fitting: &mut Fitting) {
         const WIDEST_SHARE: f64 = 0.5;
-        let Fitting { seeds, depths_mm, is_shown, .. } = fitting;
+        let Fitting { seeds, values, is_shown, .. } = fitting;
         let height_px = self.instrument.sensor.size_px[0].min(self.instrument.sensor.size_px[1]) as f64;
-        depths_mm.clear();
-        depths_mm.extend(placing.points.iter().flatten().map(|placed| placed.point.position_mm[2]));
-        depths_mm.sort_unstable_by(f64::total_cmp);
-        let middle = depths_mm.len() / 2;
-        let z_mm = depths_mm.get(middle).copied().unwrap_or(self.instrument.focus_distance_mm());
         let typical = |values: &mut Vec<f64>, all: &mut dyn Iterator<Item = f64>| {
             values.clear();
             values.extend(all);
-            values.sort_unstable_by(f64::total_cmp);
-            values.get(values.len() / 2).copied()
+            median(values)
         };
         let points = || placing.points.iter().flatten();
-        let diameter_mm = typical(depths_mm, &mut points().map(|placed| placed.point.diameter_mm));
+        let depth_mm = typical(values, &mut points().map(|placed| placed.point.position_mm[2]));
+        let z_mm = depth_mm.unwrap_or(self.instrument.focus_distance_mm());
+        let diameter_mm = typical(values, &mut points().map(|placed| placed.point.diameter_mm));
         for (band, detection) in detections.iter().enumerate() {
             let height_codes =
-                typical(depths_mm, &mut detection.features.iter().map(|feature| feature.height_codes)).unwrap_or(0.0);
+                typical(values, &mut detection.features.iter().map(|feature| feature.height_codes)).unwrap_or(0.0);
             is_shown.clear();
             is_shown.resize(detection.features.len(), false);
             for (group, _) in placing.groups.iter().zip(&placing.points).filter(|(_, point)| point.is_some()) {

@@ -1,4 +1,5 @@
-//! Quantiles, by halving the range of the values and counting: no value is moved, and counting takes many at a time.
+//! Quantiles: of many values by halving their range and counting, which moves none and takes many at a time; of few by
+//! putting them in order.
 
 use multiversion::multiversion;
 
@@ -43,6 +44,12 @@ pub(crate) fn upper_quantile(values: &[f32], floor: f32, share: f64) -> Option<f
     Some(0.5 * (low + high))
 }
 
+/// The value in the middle, the upper of two; `None` without any. Reorders `values`.
+pub(crate) fn median(values: &mut [f64]) -> Option<f64> {
+    let middle = values.len() / 2;
+    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -58,6 +65,13 @@ mod tests {
             }
             assert_eq!(code_quantile(&codes, 1.0), sorted[count - 1]);
         }
+    }
+
+    #[test]
+    fn a_median_is_the_upper_middle() {
+        assert_eq!(median(&mut [3.0, -1.0, 2.0, 9.0]), Some(3.0));
+        assert_eq!(median(&mut [5.0, 1.0, 4.0]), Some(4.0));
+        assert_eq!(median(&mut []), None);
     }
 
     #[test]

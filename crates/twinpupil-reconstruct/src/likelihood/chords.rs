@@ -14,11 +14,11 @@ pub(crate) const LANES: usize = 16;
 pub(crate) type Lanes = [f32; LANES];
 
 /// Lines across an area.
-const LINES: usize = 16;
+pub(crate) const LINES: usize = 16;
 
 /// Where the lines lie from −1 to 1 and what they count, by the Gauss–Chebyshev rule of the second kind: areas end like
 /// circles.
-const POSITIONS: [f32; LINES] = [
+pub(crate) const POSITIONS: [f32; LINES] = [
     0.982_973_1,
     0.932_472_2,
     0.850_217_14,

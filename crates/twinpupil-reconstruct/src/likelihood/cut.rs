@@ -13,7 +13,7 @@
 use multiversion::multiversion;
 use smallvec::SmallVec;
 
-use crate::likelihood::chords::{Circles, Dots, Edges, LANES, Lanes, lanes, share};
+use crate::likelihood::chords::{Circles, Dots, Edges, LANES, LINES, Lanes, POSITIONS, lanes, share};
 use crate::likelihood::light::{EdgeView, Light, Local, Places, SHARP_PX, WIDE_PX};
 use crate::likelihood::pencil::Edge;
 use crate::likelihood::sharp::{Trapezoid, depth};
@@ -23,27 +23,7 @@ use crate::likelihood::spot::Spot;
 /// Half the diagonal of a pixel.
 const PIXEL_REACH_PX: f32 = 0.71;
 
-/// Lines across the pupil of a nearly sharp pixel, by the Gauss–Chebyshev rule of the second kind: positions, half their
-/// lengths, and shares of the pupil.
-const LINES: usize = 16;
-const LINE_POSITIONS: [f32; LINES] = [
-    0.982_973_1,
-    0.932_472_2,
-    0.850_217_14,
-    0.739_008_9,
-    0.602_634_6,
-    0.445_738_36,
-    0.273_662_99,
-    0.092_268_36,
-    -0.092_268_36,
-    -0.273_662_99,
-    -0.445_738_36,
-    -0.602_634_6,
-    -0.739_008_9,
-    -0.850_217_14,
-    -0.932_472_2,
-    -0.982_973_1,
-];
+/// Lines across the pupil of a nearly sharp pixel, at [`POSITIONS`]: half their lengths, and shares of the pupil.
 const LINE_HALVES: [f32; LINES] = [
     0.183_749_51,
     0.361_241_67,
@@ -421,7 +401,7 @@ fn cut_sharp(way: &Way, local: &Local, places: &Places, indices: &[u32], out: &m
         let depth_px = lanes(|lane| depth(&edges.view[lane]));
         let (mut light, mut density, mut with_lines, mut open) =
             ([0.0; LANES], [0.0; LANES], [0.0; LANES], [0.0; LANES]);
-        for ((x, half), share) in LINE_POSITIONS.into_iter().zip(LINE_HALVES).zip(LINE_SHARES) {
+        for ((x, half), share) in POSITIONS.into_iter().zip(LINE_HALVES).zip(LINE_SHARES) {
             let lengths = open_lengths(&[x; LANES], &[half; LANES], &shuts, &rims);
             for lane in 0..LANES {
                 let pixel = Trapezoid::of(edges.normal_u[lane].abs(), edges.normal_v[lane].abs());

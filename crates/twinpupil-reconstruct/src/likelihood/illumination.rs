@@ -8,6 +8,7 @@ use crate::likelihood::joint::Joint;
 use crate::likelihood::light::{Light, Places};
 use crate::likelihood::samples::{Rings, Samples, Share};
 use crate::likelihood::spot::Spot;
+use crate::quantile::median;
 
 /// Relative growth of the light along u and v, 1/px, and what is known of it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -340,10 +341,4 @@ impl Field {
             rows * self.covariance * rows.transpose() / (UNIT_PX * UNIT_PX) + Matrix2::identity() * self.scatter;
         Growth { slope: self.slope_at(place_px), information: covariance.try_inverse().unwrap_or_default() }
     }
-}
-
-/// The value in the middle; they are put in order.
-fn median(values: &mut [f64]) -> Option<f64> {
-    values.sort_unstable_by(f64::total_cmp);
-    values.get(values.len() / 2).copied()
 }

@@ -13,6 +13,7 @@ use crate::likelihood::joint::{BandView, Buffers, Joint};
 use crate::likelihood::pencil::Pencil;
 use crate::likelihood::spot::{Dot, Page};
 use crate::noise::Noise;
+use crate::quantile::median;
 use crate::slope::{NEIGHBOURS, NEIGHBOURS_ROUGH, Slopes};
 
 /// An instrument's forward model, ready to be compared with pixels.
@@ -264,11 +265,7 @@ fn median_chi2(bodies: &[Body], chi2s: &mut Vec<f64>) -> f64 {
     let fitted = bodies.iter().filter(|body| body.alive && body.rounds > 0);
     chi2s.clear();
     chi2s.extend(fitted.map(|body| body.quality.chi2 / body.quality.used.max(1) as f64));
-    if chi2s.is_empty() {
-        return 0.0;
-    }
-    let middle = chi2s.len() / 2;
-    *chi2s.select_nth_unstable_by(middle, f64::total_cmp).1
+    median(chi2s).unwrap_or(0.0)
 }
 
 fn refined(bodies: &[Body], couplings: &[Vec<Coupling>], index: usize, patch: &mut Patch) -> Option<Refined> {

@@ -99,18 +99,18 @@ impl Samples {
         let dv_px = plane.frame_v_px(row as f64) - v_px;
         let Some(window) = span(plane, u_px, dv_px, rings.window_px) else { return };
         let inner = span(plane, u_px, dv_px, rings.full_px).unwrap_or(Span { first: window.end, end: window.end });
-        let (step, line) = (plane.step_px, plane.line(row));
         for Span { first, end } in [Span { end: inner.first, ..window }, Span { first: inner.end, ..window }] {
             if end > first {
-                let (start, count) = (self.codes.len(), end - first);
+                let start = self.codes.len();
                 let Places { du, dv } = &mut self.places;
-                [du, dv, &mut self.codes].into_iter().for_each(|values| values.resize(start + count, dv_px as f32));
-                let first_px = (plane.frame_u_px(first as f64) - u_px) as f32;
-                convert(&line[first * step..], step, first_px, &mut self.codes[start..], &mut self.places.du[start..]);
+                for values in [&mut *du, dv, &mut self.codes] {
+                    values.resize(start + end - first, dv_px as f32);
+                }
+                read_span(plane, row, first, u_px, &mut self.codes[start..], &mut du[start..]);
             }
         }
-        if let Some(row) = full_row(plane, row, rings) {
-            full.add(&row);
+        if inner.end > inner.first {
+            full.add(&full_span(plane, row, inner, rings));
         }
     }
 
@@ -128,35 +128,29 @@ impl Samples {
 /// The pixels of a row that the spot fills.
 fn full_row<'a>(plane: &PlaneView<'a>, row: usize, rings: &Rings) -> Option<FullRow<'a>> {
     let [u_px, v_px] = rings.centre_px;
-    let dv_px = plane.frame_v_px(row as f64) - v_px;
-    let Span { first, end } = span(plane, u_px, dv_px, rings.full_px)?;
-    Some(FullRow {
+    let inner = span(plane, u_px, plane.frame_v_px(row as f64) - v_px, rings.full_px)?;
+    Some(full_span(plane, row, inner, rings))
+}
+
+fn full_span<'a>(plane: &PlaneView<'a>, row: usize, Span { first, end }: Span, rings: &Rings) -> FullRow<'a> {
+    let [u_px, v_px] = rings.centre_px;
+    FullRow {
         codes: &plane.line(row)[first * plane.step_px..],
         step: plane.step_px,
         count: end - first,
         first_px: plane.frame_u_px(first as f64) - u_px,
-        dv_px,
-    })
+        dv_px: plane.frame_v_px(row as f64) - v_px,
+    }
 }
 
-/// Every `step`-th code as a number, and its place from that of the first on.
+/// Reads codes of a row from a column on, and their places along it about `u_px`.
 #[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
-fn convert(line: &[u16], step: usize, first_px: f32, out: &mut [f32], du: &mut [f32]) {
-    let step_px = step as f32;
+fn read_span(plane: &PlaneView<'_>, row: usize, first: usize, u_px: f64, codes: &mut [f32], du: &mut [f32]) {
+    let (first_px, step_px) = ((plane.frame_u_px(first as f64) - u_px) as f32, plane.step_px as f32);
     for (k, du) in du.iter_mut().enumerate() {
         *du = first_px + step_px * (k as u32) as f32;
     }
-    match step {
-        1 => out.iter_mut().zip(line).for_each(|(value, code)| *value = f32::from(*code)),
-        2 => {
-            let pairs = line.as_chunks::<2>().0;
-            let paired = pairs.len().min(out.len());
-            out.iter_mut().zip(pairs).for_each(|(value, pair)| *value = f32::from(pair[0]));
-            // A row of odd length ends in a pixel without a partner.
-            out[paired..].iter_mut().zip(&line[2 * paired..]).for_each(|(value, code)| *value = f32::from(*code));
-        }
-        step => out.iter_mut().zip(line.iter().step_by(step)).for_each(|(value, code)| *value = f32::from(*code)),
-    }
+    plane.read_span(row, first, codes);
 }
 
 /// Columns `first..end` of a row.
