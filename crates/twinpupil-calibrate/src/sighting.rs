@@ -1,0 +1,385 @@
+//! Which features of a frame are which dots of the target, in every band.
+
+use thiserror::Error;
+
+use crate::lattice::{Lattice, Spot, median};
+use crate::target::Target;
+
+/// Why the target is not recognised on a frame.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum SightingError {
+    /// Too few features in rows and columns.
+    #[error("no target: of {features} features in band `{band}` {placed} lie in rows and columns; legal: at least 9")]
+    NoTarget {
+        /// The band.
+        band: String,
+        /// Features that were found in it.
+        features: usize,
+        /// Those of the largest grid among them.
+        placed: usize,
+    },
+    /// More than one grid.
+    #[error("two targets: beside a grid of {first} dots band `{band}` shows another of {second}; legal: one target")]
+    TwoTargets {
+        /// The band.
+        band: String,
+        /// Dots of the larger grid.
+        first: usize,
+        /// Dots of the other.
+        second: usize,
+    },
+    /// A grid that does not fit into the target.
+    #[error(
+        "the grid in band `{band}` has {} × {} dots; legal: no more than the target's {} × {}",
+        found[0], found[1], stated[0], stated[1]
+    )]
+    TooLarge {
+        /// The band.
+        band: String,
+        /// Columns and rows, or the other way round.
+        found: [i32; 2],
+        /// Columns and rows of the target.
+        stated: [usize; 2],
+    },
+    /// The fiducials lie as in a mirror.
+    #[error("the image is mirrored: the target's fiducials lie the wrong way round in band `{band}`")]
+    Mirrored {
+        /// The band.
+        band: String,
+    },
+    /// The fiducials are others.
+    #[error("another target: {wrong} dots in band `{band}` are not as the target's fiducials say")]
+    Unlike {
+        /// The band.
+        band: String,
+        /// How many, at best.
+        wrong: usize,
+    },
+    /// The bands show no grid that is the same.
+    #[error("bands `{first}` and `{second}` do not show the same target: at best their dots disagree by {} px", away_px.round())]
+    Apart {
+        /// A band.
+        first: String,
+        /// Another.
+        second: String,
+        /// Root mean square distance of their dots when one is scaled about the axis to the other, px.
+        away_px: f64,
+    },
+}
+
+/// A dot of the target and the feature of a band that shows it.
+pub(crate) type Labelled = (usize, usize);
+
+/// The dots that each band shows.
+pub(crate) type Sighting = Vec<Vec<Labelled>>;
+
+/// Fewest dots that make a target.
+const DOTS_MIN: usize = 9;
+
+/// Recognises the target in every band, whose names and features are given; `axis_px` is about where the axis is.
+pub(crate) fn recognise(
+    target: &Target,
+    bands: &[(&str, Vec<Spot>)],
+    axis_px: [f64; 2],
+) -> Result<Sighting, SightingError> {
+    let mut sighting = Sighting::new();
+    for (name, spots) in bands {
+        let lattice = lattice(name, spots)?;
+        let placements = best_placements(target, name, &lattice, spots)?;
+        let labelled = placements.iter().map(|placement| placement.labelled(target, &lattice));
+        let chosen = match sighting.first() {
+            None => labelled.into_iter().next(),
+            Some(first) => {
+                let away = |own: &Vec<Labelled>| disagreement_px([first, own], [&bands[0].1, spots], axis_px);
+                let nearest = labelled.map(|own| (away(&own), own)).min_by(|a, b| a.0.total_cmp(&b.0));
+                let is_same = |(away_px, _): &(f64, Vec<Labelled>)| *away_px < SAME_SHARE * lattice.step_px();
+                let away_px = nearest.as_ref().map_or(f64::INFINITY, |(away_px, _)| *away_px);
+                let apart =
+                    || SightingError::Apart { first: bands[0].0.to_owned(), second: (*name).to_owned(), away_px };
+                Some(nearest.filter(is_same).ok_or_else(apart)?.1)
+            }
+        };
+        sighting.push(chosen.unwrap_or_default());
+    }
+    Ok(sighting)
+}
+
+/// Two bands show the same dots if they agree to this share of a step.
+const SAME_SHARE: f64 = 0.25;
+
+/// The grid among the features of a band, which must be the only one.
+fn lattice(band: &str, spots: &[Spot]) -> Result<Lattice, SightingError> {
+    const SECOND_SHARE: f64 = 0.3;
+    let all: Vec<usize> = (0..spots.len()).collect();
+    let lattice = Lattice::largest(spots, &all).unwrap_or_default();
+    let placed = lattice.at.len();
+    if placed < DOTS_MIN {
+        return Err(SightingError::NoTarget { band: band.to_owned(), features: spots.len(), placed });
+    }
+    let is_used = {
+        let mut is_used = vec![false; spots.len()];
+        lattice.at.values().for_each(|index| is_used[*index] = true);
+        is_used
+    };
+    let others: Vec<usize> = all.into_iter().filter(|index| !is_used[*index]).collect();
+    let second = Lattice::largest(spots, &others).map_or(0, |second| second.at.len());
+    if second >= DOTS_MIN && second as f64 > SECOND_SHARE * placed as f64 {
+        return Err(SightingError::TwoTargets { band: band.to_owned(), first: placed, second });
+    }
+    Ok(lattice)
+}
+
+/// How a lattice lies on the target: turned by quarters, and shifted.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Placement {
+    quarters: usize,
+    is_mirrored: bool,
+    shift: [i32; 2],
+    /// How far the target's columns are from running along u, and its middle from that of the lattice.
+    oddness: f64,
+}
+
+impl Placement {
+    /// Column and row of a place of the lattice.
+    fn place(&self, [i, j]: [i32; 2]) -> [i32; 2] {
+        let [i, j] = if self.is_mirrored { [j, i] } else { [i, j] };
+        let [i, j] = match self.quarters {
+            0 => [i, j],
+            1 => [-j, i],
+            2 => [-i, -j],
+            _ => [j, -i],
+        };
+        [i + self.shift[0], j + self.shift[1]]
+    }
+
+    fn labelled(&self, target: &Target, lattice: &Lattice) -> Vec<Labelled> {
+        let dot = |(place, feature): (&[i32; 2], &usize)| {
+            let [column, row] = self.place(*place).map(usize::try_from);
+            Some((target.dot_at(row.ok()?, column.ok()?)?, *feature))
+        };
+        let mut labelled: Vec<Labelled> = lattice.at.iter().filter_map(dot).collect();
+        labelled.sort_unstable();
+        labelled
+    }
+}
+
+/// All ways to lay a lattice onto the target.
+fn placements(target: &Target, lattice: &Lattice, is_mirrored: bool) -> Vec<Placement> {
+    let sides = [target.spec().columns as i32, target.spec().rows as i32];
+    let mut placements = Vec::new();
+    for quarters in 0..4 {
+        let turned = Placement { quarters, is_mirrored, shift: [0, 0], oddness: 0.0 };
+        let places = || lattice.at.keys().map(|place| turned.place(*place));
+        let extent = [0, 1].map(|k| {
+            let along = || places().map(|place| place[k]);
+            [along().min().unwrap_or(0), along().max().unwrap_or(0)]
+        });
+        let spare = [0, 1].map(|k| sides[k] - (extent[k][1] - extent[k][0] + 1));
+        // Where the step along the columns goes: u turned back by the quarters.
+        let [along, across] = lattice.steps_px;
+        let columns_px = match quarters {
+            0 => along,
+            1 => across.map(|component| -component),
+            2 => along.map(|component| -component),
+            _ => across,
+        };
+        let turn = columns_px[1].atan2(columns_px[0]).abs();
+        for column in 0..=spare[0] {
+            for row in 0..=spare[1] {
+                let off = [(column, spare[0]), (row, spare[1])];
+                let off: f64 = off.iter().map(|(at, spare)| (f64::from(*at) - 0.5 * f64::from(*spare)).abs()).sum();
+                let shift = [column - extent[0][0], row - extent[1][0]];
+                placements.push(Placement { quarters, is_mirrored, shift, oddness: 10.0 * turn + off });
+            }
+        }
+    }
+    placements.sort_by(|a, b| a.oddness.total_cmp(&b.oddness));
+    placements
+}
+
+/// The ways that agree best with the fiducials, the plainest first.
+fn best_placements(
+    target: &Target,
+    band: &str,
+    lattice: &Lattice,
+    spots: &[Spot],
+) -> Result<Vec<Placement>, SightingError> {
+    let scored = |is_mirrored: bool| -> (usize, Vec<Placement>) {
+        let wrong: Vec<(usize, Placement)> = placements(target, lattice, is_mirrored)
+            .into_iter()
+            .map(|placement| (wrong(target, lattice, spots, &placement), placement))
+            .collect();
+        let least = wrong.iter().map(|(wrong, _)| *wrong).min().unwrap_or(usize::MAX);
+        (least, wrong.into_iter().filter(|(wrong, _)| *wrong == least).map(|(_, placement)| placement).collect())
+    };
+    let (wrong, best) = scored(false);
+    if best.is_empty() {
+        let found = lattice.extent().map(|[low, high]| high - low + 1);
+        let stated = [target.spec().columns, target.spec().rows];
+        return Err(SightingError::TooLarge { band: band.to_owned(), found, stated });
+    }
+    if wrong == 0 {
+        return Ok(best);
+    }
+    let band = band.to_owned();
+    Err(if scored(true).0 == 0 { SightingError::Mirrored { band } } else { SightingError::Unlike { band, wrong } })
+}
+
+/// Places that are not as the target says: a dot where there is none, or of another size.
+fn wrong(target: &Target, lattice: &Lattice, spots: &[Spot], placement: &Placement) -> usize {
+    let spec = target.spec();
+    if spec.fiducials.is_empty() {
+        return 0;
+    }
+    let typical_px = median(lattice.at.values().map(|index| spots[*index].area_px.sqrt()));
+    let is_wrong = |(place, feature): &(&[i32; 2], &usize)| {
+        let [column, row] = placement.place(**place).map(|side| side as usize);
+        let seen = spots[**feature].area_px.sqrt() / typical_px;
+        match target.fiducial(row, column).map(|fiducial| fiducial.diameter_mm) {
+            Some(None) => true,
+            Some(Some(diameter_mm)) => seen < 0.5 * (1.0 + diameter_mm / spec.dot_diameter_mm),
+            None => is_larger(target, seen),
+        }
+    };
+    let shown = lattice.at.iter().filter(is_wrong).count();
+    shown + missed(target, lattice, placement)
+}
+
+/// Whether a dot is as large, relative to the typical one, as the target's larger dots.
+fn is_larger(target: &Target, seen: f64) -> bool {
+    let larger_mm = target.spec().fiducials.iter().filter_map(|fiducial| fiducial.diameter_mm).fold(f64::INFINITY, f64::min);
+    seen > 0.5 * (1.0 + larger_mm / target.spec().dot_diameter_mm)
+}
+
+/// Holes in the midst of the lattice where the target has a dot.
+fn missed(target: &Target, lattice: &Lattice, placement: &Placement) -> usize {
+    let neighbours = |[i, j]: [i32; 2]| [[i + 1, j], [i - 1, j], [i, j + 1], [i, j - 1]];
+    let is_shown = |place: &[i32; 2]| lattice.at.contains_key(place);
+    let beside = lattice.at.keys().flat_map(|place| neighbours(*place)).filter(|place| !is_shown(place));
+    let mut holes: Vec<[i32; 2]> =
+        beside.filter(|place| neighbours(*place).iter().filter(|beside| is_shown(beside)).count() >= 3).collect();
+    holes.sort_unstable();
+    holes.dedup();
+    let is_dot = |place: &[i32; 2]| {
+        let [column, row] = placement.place(*place).map(usize::try_from);
+        matches!((column, row), (Ok(column), Ok(row)) if target.dot_at(row, column).is_some())
+    };
+    holes.iter().filter(|place| is_dot(place)).count()
+}
+
+/// Root mean square distance of the dots that two bands share when the first is scaled about the axis to the second, by
+/// a scale that may grow across it.
+fn disagreement_px(labelled: [&Vec<Labelled>; 2], spots: [&[Spot]; 2], axis_px: [f64; 2]) -> f64 {
+    let [first, second] = labelled;
+    let from_axis = |band: usize, feature: usize| {
+        let [u, v] = spots[band][feature].centre_px;
+        nalgebra::Vector2::new(u - axis_px[0], v - axis_px[1])
+    };
+    let shared: Vec<_> = first
+        .iter()
+        .filter_map(|(dot, feature)| {
+            let other = second.binary_search_by_key(dot, |(dot, _)| *dot).ok()?;
+            Some((from_axis(0, *feature), from_axis(1, second[other].1)))
+        })
+        .collect();
+    if shared.len() < DOTS_MIN {
+        return f64::INFINITY;
+    }
+    let (mut information, mut score) = (nalgebra::Matrix3::zeros(), nalgebra::Vector3::zeros());
+    // Lengths of about one keep the equations sound.
+    let size_px = shared.iter().map(|(p, _)| p.norm()).fold(1.0, f64::max);
+    let rows = |p: &nalgebra::Vector2<f64>| {
+        let scales = nalgebra::Vector3::new(1.0, p.x / size_px, p.y / size_px);
+        [scales * p.x, scales * p.y]
+    };
+    for (p, q) in &shared {
+        for (row, seen) in rows(p).into_iter().zip(q.iter()) {
+            information += row * row.transpose();
+            score += row * *seen;
+        }
+    }
+    let Some(scales) = information.cholesky().map(|factor| factor.solve(&score)) else { return f64::INFINITY };
+    let squares = shared.iter().flat_map(|(p, q)| {
+        let [u, v] = rows(p).map(|row| row.dot(&scales));
+        [(u - q.x).powi(2), (v - q.y).powi(2)]
+    });
+    (squares.sum::<f64>() / shared.len() as f64).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::target::{Fiducial, TargetKind, TargetSpec};
+
+    const AXIS_PX: [f64; 2] = [960.0, 600.0];
+
+    fn target(fiducials: Vec<Fiducial>) -> Target {
+        Target::new(TargetSpec {
+            schema: 1,
+            name: "t".to_owned(),
+            kind: TargetKind::DotGrid,
+            rows: 5,
+            columns: 7,
+            pitch_mm: 2.0,
+            dot_diameter_mm: 1.0,
+            fiducials,
+        })
+        .unwrap()
+    }
+
+    fn missing(row: usize, column: usize) -> Fiducial {
+        Fiducial { row, column, diameter_mm: None }
+    }
+
+    /// The target's dots turned, scaled about the axis and cut off beyond a height.
+    fn seen(target: &Target, turn_rad: f64, scale: f64, mirror: f64) -> Vec<Spot> {
+        let (sin, cos) = turn_rad.sin_cos();
+        let spot = |dot: &crate::target::TargetDot| {
+            let [x, y] = [mirror * dot.position_mm[0] + 1.0, dot.position_mm[1] - 2.0];
+            let [x, y] = [cos * x - sin * y, sin * x + cos * y];
+            let centre_px = [AXIS_PX[0] + scale * x, AXIS_PX[1] + scale * y];
+            Spot { centre_px, area_px: (0.5 * dot.diameter_mm * scale).powi(2) * 3.14 }
+        };
+        target.dots().iter().map(spot).collect()
+    }
+
+    #[test]
+    fn a_whole_target_is_labelled_in_both_bands() {
+        let target = target(vec![missing(0, 1)]);
+        for turn_rad in [0.1, 1.4, 3.0, -2.0] {
+            let bands = [("a", seen(&target, turn_rad, 90.0, 1.0)), ("b", seen(&target, turn_rad, 75.0, 1.0))];
+            let sighting = recognise(&target, &bands, AXIS_PX).unwrap();
+            for labelled in sighting {
+                assert_eq!(labelled, (0..34).map(|dot| (dot, dot)).collect::<Vec<_>>());
+            }
+        }
+    }
+
+    #[test]
+    fn a_part_is_labelled_alike_in_both_bands() {
+        let target = target(Vec::new());
+        let whole = seen(&target, 0.05, 90.0, 1.0);
+        let part: Vec<Spot> = seen(&target, 0.05, 75.0, 1.0)[7..].to_vec();
+        let sighting = recognise(&target, &[("a", whole), ("b", part)], AXIS_PX).unwrap();
+        assert!(sighting[1].iter().all(|(dot, feature)| *dot == feature + 7), "{:?}", sighting[1]);
+    }
+
+    #[test]
+    fn what_is_wrong_is_told() {
+        let plain = target(Vec::new());
+        let marked = target(vec![missing(0, 1)]);
+        let of = |target: &Target, spots: Vec<Spot>| recognise(target, &[("a", spots)], AXIS_PX).unwrap_err();
+        assert!(matches!(of(&marked, seen(&marked, 0.1, 90.0, -1.0)), SightingError::Mirrored { .. }));
+        assert!(matches!(of(&marked, seen(&plain, 0.1, 90.0, 1.0)), SightingError::Unlike { wrong: 1, .. }));
+        assert!(matches!(of(&plain, Vec::new()), SightingError::NoTarget { features: 0, .. }));
+        let mut two = seen(&plain, 0.1, 40.0, 1.0);
+        two.extend(seen(&plain, 0.3, 40.0, 1.0).into_iter().map(|spot| Spot {
+            centre_px: [spot.centre_px[0] + 700.0, spot.centre_px[1]],
+            ..spot
+        }));
+        assert!(matches!(of(&plain, two), SightingError::TwoTargets { .. }));
+        let spec = TargetSpec { rows: 4, ..plain.spec().clone() };
+        let smaller = Target::new(spec).unwrap();
+        assert!(matches!(of(&smaller, seen(&plain, 0.1, 90.0, 1.0)), SightingError::TooLarge { .. }));
+    }
+}
