@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::Registration;
+use crate::{Distortion, Registration};
 
 /// What a band's pupil makes of depth.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
@@ -44,4 +44,7 @@ pub struct Band {
     /// Where its page lies on the reference frame, if it was taken by a sensor of its own.
     #[serde(default, skip_serializing_if = "Registration::is_identity")]
     pub registration: Registration,
+    /// How the lens departs from an ideal one's perspective in this band; not at all if left out.
+    #[serde(default, skip_serializing_if = "Distortion::is_none")]
+    pub distortion: Distortion,
 }

@@ -8,8 +8,8 @@ use thiserror::Error;
 
 use crate::check::{self, SyntaxError, ValueError, within};
 use crate::{
-    Aperture, Band, CrosstalkSpec, CubePlane, FrameError, FrameView, Lens, Mosaic, PixelPoint, PlaneView, Projection,
-    ResponseMatrix, Role, Sensor, Site, SpectraSpec,
+    Aperture, Band, CrosstalkSpec, CubePlane, FrameError, FrameView, Lens, Mosaic, Page, PixelPoint, PlaneView,
+    Projection, ResponseMatrix, Role, Sensor, Site, SpectraSpec,
 };
 
 /// An instrument file that is not legal.
@@ -87,6 +87,7 @@ impl Instrument {
         check_crosstalk(&spec)?;
         check_apertures(&spec)?;
         check_focal_lengths(&spec)?;
+        check_tilt(&spec)?;
         if let Some(DepthRange { near_mm, far_mm }) = spec.depth_range {
             within("depth_range.near_mm", near_mm, 1.0, 1e6)?;
             within("depth_range.far_mm", far_mm, 1.0, 1e6)?;
@@ -94,7 +95,11 @@ impl Instrument {
                 return Err(ValueError::new("depth_range.far_mm", far_mm, format!("above near_mm = {near_mm}")));
             }
         }
-        Ok(Self { spec })
+        let instrument = Self { spec };
+        for (index, band) in instrument.bands.iter().enumerate() {
+            instrument.page(band).check(&instrument.sensor, index)?;
+        }
+        Ok(instrument)
     }
 
     /// Reads and checks an instrument file.
@@ -106,11 +111,9 @@ impl Instrument {
     pub fn to_toml(&self) -> String {
         let text = toml::to_string(&self.spec).expect("a checked instrument is plain data");
         let mut document: toml_edit::DocumentMut = text.parse().expect("it was printed just now");
-        // The zones of a mask read best on one line.
-        for aperture in document["aperture"].as_array_of_tables_mut().into_iter().flat_map(|tables| tables.iter_mut()) {
-            aperture["zones"].make_value();
-            if let Some(value) = aperture["zones"].as_value_mut() {
-                value.decor_mut().set_prefix(" ");
+        for (tables, key) in [("band", "distortion"), ("aperture", "zones")] {
+            for table in document[tables].as_array_of_tables_mut().into_iter().flat_map(|tables| tables.iter_mut()) {
+                put_on_one_line(table, key);
             }
         }
         document.to_string()
@@ -160,6 +163,11 @@ impl Instrument {
             pupil_centre_mm: aperture.centre_mm,
             pupil_radius_mm,
         }
+    }
+
+    /// Where the image of a band lies on its page, with the focal length that the instrument file states.
+    pub fn page(&self, band: &Band) -> Page {
+        Page::new(&self.sensor, band, &self.projection(band))
     }
 
     /// The projections of the telecentric and the entocentric band.
@@ -246,6 +254,17 @@ impl Instrument {
     }
 }
 
+/// Prints what a key of a table holds beside the key: zones of a mask and coefficients read best so.
+fn put_on_one_line(table: &mut toml_edit::Table, key: &str) {
+    if let Some((mut key, item)) = table.get_key_value_mut(key) {
+        item.make_value();
+        key.leaf_decor_mut().set_suffix(" ");
+        if let Some(value) = item.as_value_mut() {
+            value.decor_mut().set_prefix(" ");
+        }
+    }
+}
+
 /// The aperture that limits a band for points in focus, with the outermost radius that passes there.
 fn pupil<'a>(spec: &'a InstrumentSpec, band: &Band) -> Option<(&'a Aperture, f64)> {
     let l = spec.sensor.distance_mm;
@@ -288,6 +307,7 @@ fn check_bands(spec: &InstrumentSpec) -> Result<(), ValueError> {
             return Err(ValueError::new(format!("band[{i}].plane"), &band.plane, "a plane of its own"));
         }
         check_registration(spec, i)?;
+        band.distortion.check(&format!("band[{i}].distortion"))?;
     }
     Ok(())
 }
@@ -371,6 +391,23 @@ fn check_apertures(spec: &InstrumentSpec) -> Result<(), ValueError> {
     Ok(())
 }
 
+/// Every corner of a tilted sensor must lie behind the lens and all apertures.
+fn check_tilt(spec: &InstrumentSpec) -> Result<(), ValueError> {
+    let sensor = &spec.sensor;
+    let reach_mm = |axis: usize| {
+        let (first_mm, last_mm) = (sensor.axis_px[axis], sensor.size_px[axis] as f64 - sensor.axis_px[axis]);
+        sensor.pitch_mm * first_mm.abs().max(last_mm.abs())
+    };
+    let [a, b] = sensor.slope();
+    let nearest_mm = sensor.distance_mm - a.abs() * reach_mm(0) - b.abs() * reach_mm(1);
+    let last_mm = spec.apertures.iter().map(|aperture| aperture.position_mm).fold(0.0, f64::max);
+    if sensor.tilt_deg == [0.0; 2] || nearest_mm > last_mm {
+        return Ok(());
+    }
+    let legal = format!("tilts at which all of the sensor lies behind the last aperture at {last_mm} mm");
+    Err(ValueError::new("sensor.tilt_deg", format!("{:?}", sensor.tilt_deg), legal))
+}
+
 fn check_focal_lengths(spec: &InstrumentSpec) -> Result<(), ValueError> {
     let l = spec.sensor.distance_mm;
     let legal = format!("below sensor.distance_mm = {l}, so that something is in focus");
@@ -414,10 +451,20 @@ mod tests {
             edited("model = \"thin\"", "model = \"fresnel\"\ngrooves = \"image\"").unwrap(),
             edited("zones = [{ radius_mm = 0.5", "centre_mm = [0.1, -0.2]\nzones = [{ radius_mm = 0.5").unwrap(),
             edited("# focal_length_mm_by_band", "focal_length_mm_by_band").unwrap(),
+            edited("pitch_mm = 0.00586", "pitch_mm = 0.00586\ntilt_deg = [0.5, -0.25]").unwrap(),
+            edited("plane = \"b\"", "plane = \"b\"\ndistortion = { k1_per_mm2 = 7e-5, p2_per_mm = -1e-5 }").unwrap(),
         ] {
             let text = instrument.to_toml();
             assert_eq!(Instrument::from_toml(&text).expect("reads back"), instrument, "{text}");
         }
+    }
+
+    #[test]
+    fn what_is_not_askew_is_left_out() {
+        let text = paper::instrument().to_toml();
+        assert!(!text.contains("tilt_deg") && !text.contains("distortion"), "{text}");
+        let text = edited("plane = \"b\"", "plane = \"b\"\ndistortion = { k1_per_mm2 = 7e-5 }").unwrap().to_toml();
+        assert!(text.contains("\ndistortion = { k1_per_mm2 = 0.00007 }\n"), "{text}");
     }
 
     #[test]
@@ -548,7 +595,16 @@ mod tests {
     #[test]
     fn the_published_schema_names_every_section() {
         let schema = serde_json_text(&Instrument::json_schema());
-        for key in ["\"lens\"", "\"sensor\"", "\"band\"", "\"aperture\"", "\"pitch_mm\"", "\"zones\""] {
+        for key in [
+            "\"lens\"",
+            "\"sensor\"",
+            "\"band\"",
+            "\"aperture\"",
+            "\"pitch_mm\"",
+            "\"zones\"",
+            "\"tilt_deg\"",
+            "\"k1_per_mm2\"",
+        ] {
             assert!(schema.contains(key), "{key}");
         }
     }

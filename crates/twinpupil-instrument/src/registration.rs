@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::PixelPoint;
 use crate::check::{ValueError, within};
+use crate::homography::Homography;
 
 /// A homography from the pixels of a band's page to those of the reference frame, whose axis and pitch the sensor
 /// states.
@@ -17,8 +18,7 @@ use crate::check::{ValueError, within};
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(transparent)]
 pub struct Registration {
-    /// The rows of H.
-    rows: [[f64; 3]; 3],
+    pub(crate) homography: Homography,
 }
 
 impl Default for Registration {
@@ -29,11 +29,11 @@ impl Default for Registration {
 
 impl Registration {
     /// The page is the reference frame.
-    pub const IDENTITY: Self = Self { rows: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]] };
+    pub const IDENTITY: Self = Self { homography: Homography::IDENTITY };
 
     /// The homography with these rows.
     pub fn from_rows(rows: [[f64; 3]; 3]) -> Self {
-        Self { rows }
+        Self { homography: Homography { rows } }
     }
 
     /// Whether the page is the reference frame.
@@ -41,25 +41,21 @@ impl Registration {
         *self == Self::IDENTITY
     }
 
-    /// The shift, px, if it is nothing else.
-    pub fn shift_px(&self) -> Option<[f64; 2]> {
-        let [[a, b, u], [c, d, v], last] = self.rows;
-        ([[a, b], [c, d]] == [[1.0, 0.0], [0.0, 1.0]] && last == [0.0, 0.0, 1.0]).then_some([u, v])
-    }
-
     /// Where a pixel of the page lies on the reference frame.
     pub fn map(&self, PixelPoint { u, v }: PixelPoint) -> PixelPoint {
-        let [x, y, w] = self.rows.map(|[a, b, c]| a * u + b * v + c);
-        PixelPoint { u: x / w, v: y / w }
+        let [u, v] = self.homography.map([u, v]);
+        PixelPoint { u, v }
     }
 
     /// How the position on the reference frame changes with u and v of the page, row by row.
     pub fn jacobian(&self, at: PixelPoint) -> [[f64; 2]; 2] {
-        let [_, _, [g, h, i]] = self.rows;
-        let PixelPoint { u, v } = self.map(at);
-        let w = g * at.u + h * at.v + i;
-        let row = |k: usize, image: f64| [(self.rows[k][0] - g * image) / w, (self.rows[k][1] - h * image) / w];
-        [row(0, u), row(1, v)]
+        self.homography.jacobian([at.u, at.v])
+    }
+
+    /// The shift, px, if it is nothing else.
+    pub fn shift_px(&self) -> Option<[f64; 2]> {
+        let [[a, b, u], [c, d, v], last] = self.homography.rows;
+        ([[a, b], [c, d]] == [[1.0, 0.0], [0.0, 1.0]] && last == [0.0, 0.0, 1.0]).then_some([u, v])
     }
 
     /// Area on the reference frame of a pixel of the page, px².
@@ -70,22 +66,16 @@ impl Registration {
 
     /// The way back, from the reference frame to the page.
     ///
-    /// A homography that [`Self::check`] has passed has one.
+    /// A homography that the checks have passed has one.
     #[must_use]
     pub fn inverse(&self) -> Self {
-        let m = &self.rows;
-        let cofactor = |i: usize, j: usize| {
-            let ([a, b], [c, d]) = ([(i + 1) % 3, (i + 2) % 3], [(j + 1) % 3, (j + 2) % 3]);
-            m[a][c] * m[b][d] - m[a][d] * m[b][c]
-        };
-        let determinant: f64 = (0..3).map(|j| m[0][j] * cofactor(0, j)).sum();
-        Self { rows: std::array::from_fn(|i| std::array::from_fn(|j| cofactor(j, i) / determinant)) }
+        Self { homography: self.homography.inverse() }
     }
 
     /// Refuses what is no picture of the page on a reference frame of about its size.
     pub(crate) fn check(&self, key: &str, size_px: [usize; 2]) -> Result<(), ValueError> {
         const SHRINKING_MAX: f64 = 10.0;
-        for (i, row) in self.rows.iter().enumerate() {
+        for (i, row) in self.homography.rows.iter().enumerate() {
             for (j, value) in row.iter().enumerate() {
                 within(&format!("{key}[{i}][{j}]"), *value, -1e9, 1e9)?;
             }
@@ -96,8 +86,7 @@ impl Registration {
             let [[a, b], [c, d]] = self.jacobian(PixelPoint { u, v });
             a * d - b * c
         });
-        let [_, _, [g, h, i]] = self.rows;
-        let before = corners.iter().all(|[u, v]| g * u + h * v + i > 0.0);
+        let before = corners.iter().all(|corner| self.homography.weight(*corner) > 0.0);
         let legal = SHRINKING_MAX.powi(-2)..=SHRINKING_MAX.powi(2);
         // A mirror image turns the corners the other way round; a beam splitter makes one.
         let same_way = turns.iter().all(|turn| legal.contains(turn)) || turns.iter().all(|turn| legal.contains(&-turn));
@@ -105,7 +94,7 @@ impl Registration {
             return Ok(());
         }
         let legal = "a homography that maps the page to a tenth to ten times its size, with a positive last row";
-        Err(ValueError::new(key, format!("{:?}", self.rows), legal))
+        Err(ValueError::new(key, format!("{:?}", self.homography.rows), legal))
     }
 }
 
@@ -141,14 +130,6 @@ mod tests {
                 prop_assert!((jacobian[axis][1] - with_v[axis]).abs() < 1e-6);
             }
         }
-    }
-
-    #[test]
-    fn only_a_shift_is_a_shift() {
-        let shift = Registration::from_rows([[1.0, 0.0, 3.5], [0.0, 1.0, -2.0], [0.0, 0.0, 1.0]]);
-        assert_eq!(shift.shift_px(), Some([3.5, -2.0]));
-        assert_eq!(turned().shift_px(), None);
-        assert!(Registration::IDENTITY.is_identity() && !shift.is_identity());
     }
 
     #[test]

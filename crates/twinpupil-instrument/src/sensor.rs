@@ -18,6 +18,10 @@ pub struct Sensor {
     pub pitch_mm: f64,
     /// Where the optical axis meets the sensor, px.
     pub axis_px: [f64; 2],
+    /// How far the sensor is tilted about the point where the axis meets it, −10 to 10 deg: its distance from the rear
+    /// principal plane grows by their tangents per mm across the axis, along +u and along +v.
+    #[serde(default, skip_serializing_if = "is_upright")]
+    pub tilt_deg: [f64; 2],
     /// How colour is sampled.
     pub mosaic: Mosaic,
     /// Angles of the polarizers before a cell of 2×2 pixels, row by row, if they are not those of Sony's sensors.
@@ -48,7 +52,7 @@ impl Sensor {
         self.full_well_e / f64::from(self.code_max() - self.black_level)
     }
 
-    /// Position in mm from the axis of a position in px.
+    /// Position in mm from the axis of a position in px, on a sensor across the axis.
     pub fn image_from_pixel(&self, pixel: PixelPoint) -> ImagePoint {
         ImagePoint {
             x_mm: (pixel.u - self.axis_px[0]) * self.pitch_mm,
@@ -56,9 +60,14 @@ impl Sensor {
         }
     }
 
-    /// Position in px of a position in mm from the axis.
+    /// Position in px of a position in mm from the axis, on a sensor across the axis.
     pub fn pixel_from_image(&self, image: ImagePoint) -> PixelPoint {
         PixelPoint { u: self.axis_px[0] + image.x_mm / self.pitch_mm, v: self.axis_px[1] + image.y_mm / self.pitch_mm }
+    }
+
+    /// Tangents of the tilts: how the distance from the rear principal plane grows along +u and +v.
+    pub fn slope(&self) -> [f64; 2] {
+        self.tilt_deg.map(|tilt_deg| tilt_deg.to_radians().tan())
     }
 
     /// Makes the mosaic and the angles that are stated beside it one.
@@ -95,6 +104,8 @@ impl Sensor {
         within("sensor.pitch_mm", self.pitch_mm, 1e-5, 1.0)?;
         within("sensor.axis_px[0]", self.axis_px[0], -1e6, 1e6)?;
         within("sensor.axis_px[1]", self.axis_px[1], -1e6, 1e6)?;
+        within("sensor.tilt_deg[0]", self.tilt_deg[0], -TILT_DEG_MAX, TILT_DEG_MAX)?;
+        within("sensor.tilt_deg[1]", self.tilt_deg[1], -TILT_DEG_MAX, TILT_DEG_MAX)?;
         if !(1..=16).contains(&self.bit_depth) {
             return Err(ValueError::new("sensor.bit_depth", self.bit_depth, "1 to 16"));
         }
@@ -108,6 +119,13 @@ impl Sensor {
         within("sensor.full_well_e", self.full_well_e, 1.0, 1e9)?;
         within("sensor.read_noise_e", self.read_noise_e, 0.0, 1e6)
     }
+}
+
+/// Far more than any camera's sensor is mounted askew, or tilted on purpose.
+const TILT_DEG_MAX: f64 = 10.0;
+
+fn is_upright(tilt_deg: &[f64; 2]) -> bool {
+    *tilt_deg == [0.0; 2]
 }
 
 fn is_zero(level: &u16) -> bool {
