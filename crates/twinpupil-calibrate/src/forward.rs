@@ -91,11 +91,13 @@ fn image<D: DualNum<f64> + Copy>(slots: &SVector<D, SLOTS>, view: &View) -> SVec
     let m_slope = -(b * m / cone);
     let relative = m_slope / m;
     let beside = m_slope * radius * radius;
-    let centre = [0, 1].map(|k| {
-        let p = [px, py][k] + e[k] * h;
+    let across = [0, 1].map(|k| {
         let off = beside * (placed.lean[k] + relative * placed.centre[k] * placed.sin2);
-        (p + off) / view.pitch_mm
+        [px, py][k] + e[k] * h + off
     });
+    // Pixels are counted along the sensor's surface, which is longer the way it leans.
+    let longer = (tau[0] * across[0] + tau[1] * across[1]) / ((tau[0] * tau[0] + tau[1] * tau[1] + 1.0).sqrt() + 1.0);
+    let centre = [0, 1].map(|k| (across[k] + tau[k] * longer) / view.pitch_mm);
     let [u, v] = on_page([centre[0] + at(Slot::AxisU), centre[1] + at(Slot::AxisV)], &view.page_from_reference);
     let radius_px = magnification(local_l) * radius / view.pitch_mm;
     let blur_px = -(at(Slot::PupilRadius) * shift(local_l)) / view.pitch_mm;

@@ -1,11 +1,27 @@
 //! Frames of a known target to a calibrated instrument with its covariance.
+//!
+//! ```text
+//! frames → features → rows and columns → poses → bundle adjustment ⇄ pixels → instrument ± covariance
+//! ```
+//!
+//! [`Calibrator`] goes all the way. The rows and columns of the target's dots give a first bundle adjustment; from there
+//! every pixel is compared with the forward model, masks and blur included, and the adjustment follows what they ask for.
 
+mod adjust;
+mod advice;
+mod calibrate;
+mod camera;
 mod forward;
 mod lattice;
 mod pose;
+mod result;
 mod sighting;
 mod target;
+mod unknown;
 
+pub use calibrate::{CalibrateError, Calibrator, Fault, Foreign, FrameFault, Stage};
 pub use pose::Pose;
+pub use result::{Calibration, FrameResult, HeldOut, LeftOpen, Number, Residual};
 pub use sighting::SightingError;
 pub use target::{Fiducial, Target, TargetDot, TargetError, TargetKind, TargetSpec};
+pub use unknown::{Choices, DOT_DIAMETER_KEY, Quantity, UnknownKey, tolerance};

@@ -36,6 +36,11 @@ impl Registration {
         Self { homography: Homography { rows } }
     }
 
+    /// The rows of H.
+    pub fn rows(&self) -> [[f64; 3]; 3] {
+        self.homography.rows
+    }
+
     /// Whether the page is the reference frame.
     pub fn is_identity(&self) -> bool {
         *self == Self::IDENTITY

@@ -6,13 +6,15 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use smallvec::SmallVec;
 use thiserror::Error;
 use twinpupil_instrument::{
-    Band, Frame, FrameError, FrameView, Instrument, PixelPoint, PlaneView, ResponseMatrix, ResponseTable, Role,
+    Band, Frame, FrameError, FrameView, Instrument, PixelPoint, PlaneView, Projection, ResponseMatrix, ResponseTable, Role,
 };
 
 use crate::background::Polarity;
 use crate::detect::{DetectOptions, Detection, Detector, Estimator, Feature};
 use crate::further::{FurtherImage, Group, match_predicted};
+use crate::likelihood::known::{KnownDot, SpotScore};
 use crate::likelihood::refine::{ForwardModel, Refined, Seed, Workspace};
+use crate::likelihood::spot::Dot;
 use crate::matching::{Epipole, Match, MatchOptions, Matcher};
 use crate::model::{Disc, Model};
 use crate::noise::{Noise, NoiseSource};
@@ -288,16 +290,61 @@ impl Reconstructor {
         reconstruction
     }
 
+    /// The projections of all bands in the order of the instrument's, with the focal lengths of its response.
+    pub fn projections(&self) -> Vec<Projection> {
+        self.forward.projections()
+    }
+
+    /// The instrument that frames are read with.
+    pub fn instrument(&self) -> &Instrument {
+        &self.instrument
+    }
+
+    /// What the pixels of a frame say of dots whose places are given, for each in every band of the instrument; `None`
+    /// where a band does not show the dot or does not tell.
+    pub fn scores(
+        &self,
+        frame: &Frame,
+        dots: &[KnownDot],
+    ) -> Result<Vec<Vec<Option<SpotScore>>>, ReconstructError> {
+        let frame = FrameView::from(frame);
+        self.check_size(frame)?;
+        let planes = self.planes(frame)?;
+        let bands = 0..self.model.bands();
+        let views =
+            bands.clone().map(|band| planes.of_band(self.index(band))).collect::<Result<SmallVec<[_; 2]>, _>>()?;
+        let ground = |band: usize| -> Result<f64, FrameError> {
+            let mut detection = Detection::default();
+            self.detect_plane(&planes, band, &mut Detector::default(), &mut detection)?;
+            Ok(detection.background_codes - views[band].1.black_level)
+        };
+        let background = bands.clone().map(ground).collect::<Result<SmallVec<[f64; 2]>, _>>()?;
+        let known: Vec<_> = dots
+            .iter()
+            .map(|dot| {
+                let contrast =
+                    bands.clone().map(|band| dot.contrast_codes.get(self.index(band)).copied().flatten()).collect();
+                let KnownDot { centre_mm, slopes, diameter_mm, .. } = *dot;
+                (Dot { centre_mm, diameter_mm, slopes }, contrast)
+            })
+            .collect();
+        let mut workspace = Workspace::default();
+        let scores = self.forward.scores(&views, &known, &background, &mut workspace);
+        let of_instrument = |own: SmallVec<[Option<SpotScore>; 2]>| {
+            let mut all = vec![None; own.len()];
+            own.into_iter().enumerate().for_each(|(band, score)| all[self.index(band)] = score);
+            all
+        };
+        Ok(scores.into_iter().map(of_instrument).collect())
+    }
+
     fn spares(&self) -> std::sync::MutexGuard<'_, Vec<Reading>> {
         // What was left behind by a panic is only buffers.
         self.spare.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn read(&self, frame: FrameView<'_>, reading: &mut Reading) -> Result<(), ReconstructError> {
-        let found_px = [frame.width_px(), frame.height_px()];
-        if found_px != self.instrument.sensor.size_px {
-            return Err(ReconstructError::Size { found_px, sensor_px: self.instrument.sensor.size_px });
-        }
+        self.check_size(frame)?;
         let Reading { detectors, detections, placing, fitting, .. } = reading;
         let planes = self.planes(frame)?;
         // The paper knows of two bands.
@@ -315,6 +362,12 @@ impl Reconstructor {
             self.refine(&views, detections, placing, fitting);
         }
         Ok(())
+    }
+
+    fn check_size(&self, frame: FrameView<'_>) -> Result<(), ReconstructError> {
+        let found_px = [frame.width_px(), frame.height_px()];
+        let sensor_px = self.instrument.sensor.size_px;
+        if found_px == sensor_px { Ok(()) } else { Err(ReconstructError::Size { found_px, sensor_px }) }
     }
 
     /// The fit of pixels knows sensors that are shifted against each other, not turned or scaled.

@@ -33,7 +33,7 @@ pub use defects::Defects;
 pub use dot::{Dot, DotSpec};
 pub use illumination::Illumination;
 pub use packing::{PackingError, RandomDots};
-pub use plate::{DotGrid, ImagePattern, Pattern, Plate, Pose, TiltAxis};
+pub use plate::{DotGrid, GridFiducial, ImagePattern, Pattern, Plate, Pose, TiltAxis};
 pub use sampling::PUPIL_SAMPLES_MAX;
 pub use scene::{DOT_COUNT_MAX, Scene, SceneError, SceneSpec};
 pub use simulate::{Expectation, SimulateError, SimulateOptions, Simulation, expected_electrons, simulate};

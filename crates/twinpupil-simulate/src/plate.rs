@@ -48,8 +48,8 @@ pub enum Pattern {
     Image(ImagePattern),
 }
 
-/// Dots in rows and columns, centred on the axis.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+/// Dots in rows and columns, centred on the axis unless they are shifted.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DotGrid {
     /// Number of rows.
@@ -60,6 +60,36 @@ pub struct DotGrid {
     pub pitch_mm: f64,
     /// Diameter of each dot, mm.
     pub diameter_mm: f64,
+    /// Middle of the grid beside the axis, along the plate, mm.
+    #[serde(default, skip_serializing_if = "is_zero_pair")]
+    pub centre_mm: [f64; 2],
+    /// Turn of the grid in the plate about its middle, from x to y, degrees.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub turn_deg: f64,
+    /// Places that are not like the others, as on a calibration target.
+    #[serde(default, rename = "fiducial", skip_serializing_if = "Vec::is_empty")]
+    pub fiducials: Vec<GridFiducial>,
+}
+
+/// A place of a grid that is not like the others.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct GridFiducial {
+    /// Row, from the top and from 0.
+    pub row: u32,
+    /// Column, from the left and from 0.
+    pub column: u32,
+    /// Diameter of the dot there, mm; left out where there is none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub diameter_mm: Option<f64>,
+}
+
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
+}
+
+fn is_zero_pair(value: &[f64; 2]) -> bool {
+    *value == [0.0; 2]
 }
 
 /// A picture centred on the axis: black is the scene's background, white its brightness.
@@ -160,13 +190,19 @@ impl Plate {
     /// The plate's dots in the order of their ids.
     pub(crate) fn dots(&self, seed: u64) -> Result<Vec<Dot>, PackingError> {
         let pose = self.pose();
-        let (centres_mm, diameter_mm) = match &self.pattern {
-            Pattern::RandomDots(random) => (random.centres_mm(pose.stretch(), seed)?, random.diameter_mm),
-            Pattern::Grid(grid) => (grid.centres_mm(pose.stretch()), grid.diameter_mm),
-            Pattern::Image(_) => return Ok(Vec::new()),
+        let dot = |([x_mm, y_mm], diameter_mm): ([f64; 2], f64)| Dot {
+            centre_mm: pose.at(x_mm, y_mm),
+            normal: pose.normal(),
+            diameter_mm,
         };
-        let dot = |[x_mm, y_mm]: [f64; 2]| Dot { centre_mm: pose.at(x_mm, y_mm), normal: pose.normal(), diameter_mm };
-        Ok(centres_mm.into_iter().map(dot).collect())
+        Ok(match &self.pattern {
+            Pattern::RandomDots(random) => {
+                let centres_mm = random.centres_mm(pose.stretch(), seed)?;
+                centres_mm.into_iter().map(|centre_mm| dot((centre_mm, random.diameter_mm))).collect()
+            }
+            Pattern::Grid(grid) => grid.places_mm(pose.stretch()).into_iter().map(dot).collect(),
+            Pattern::Image(_) => Vec::new(),
+        })
     }
 }
 
@@ -178,23 +214,53 @@ impl DotGrid {
             }
         }
         positive("plate.diameter_mm", self.diameter_mm, LENGTH_MM_MAX)?;
-        within("plate.pitch_mm", self.pitch_mm, self.diameter_mm, LENGTH_MM_MAX)
+        within("plate.pitch_mm", self.pitch_mm, self.diameter_mm, LENGTH_MM_MAX)?;
+        for (axis, centre_mm) in self.centre_mm.into_iter().enumerate() {
+            within(&format!("plate.centre_mm[{axis}]"), centre_mm, -LENGTH_MM_MAX, LENGTH_MM_MAX)?;
+        }
+        within("plate.turn_deg", self.turn_deg, -360.0, 360.0)?;
+        for (index, fiducial) in self.fiducials.iter().enumerate() {
+            let sides = [("row", fiducial.row, self.rows), ("column", fiducial.column, self.columns)];
+            for (name, place, count) in sides {
+                if place >= count {
+                    let key = format!("plate.fiducial[{index}].{name}");
+                    return Err(ValueError::new(key, place, format!("0 to {}", count - 1)));
+                }
+            }
+            if let Some(diameter_mm) = fiducial.diameter_mm {
+                positive(&format!("plate.fiducial[{index}].diameter_mm"), diameter_mm, self.pitch_mm)?;
+            }
+        }
+        Ok(())
     }
 
-    /// Distance on the plate from the axis to the last column and the last row.
-    fn half_extent_mm(&self) -> [f64; 2] {
+    /// Distance on the plate from the middle of the grid to the last column and the last row.
+    fn half_side_mm(&self) -> [f64; 2] {
         [self.columns, self.rows].map(|count| 0.5 * f64::from(count - 1) * self.pitch_mm)
     }
 
-    /// x and y of the centres, row by row.
-    fn centres_mm(&self, stretch: [f64; 2]) -> Vec<[f64; 2]> {
-        let [last_x_mm, last_y_mm] = self.half_extent_mm();
+    /// Distance on the plate from the axis within which all centres lie.
+    fn half_extent_mm(&self) -> [f64; 2] {
+        let [x_mm, y_mm] = self.half_side_mm();
+        let (sin, cos) = self.turn_deg.to_radians().sin_cos();
+        [
+            self.centre_mm[0].abs() + x_mm * cos.abs() + y_mm * sin.abs(),
+            self.centre_mm[1].abs() + x_mm * sin.abs() + y_mm * cos.abs(),
+        ]
+    }
+
+    /// x and y of the centres and the diameters, row by row.
+    fn places_mm(&self, stretch: [f64; 2]) -> Vec<([f64; 2], f64)> {
+        let [last_x_mm, last_y_mm] = self.half_side_mm();
+        let (sin, cos) = self.turn_deg.to_radians().sin_cos();
         let place = |row: u32, column: u32| {
-            let on_plate_mm =
-                [f64::from(column) * self.pitch_mm - last_x_mm, f64::from(row) * self.pitch_mm - last_y_mm];
-            [on_plate_mm[0] / stretch[0], on_plate_mm[1] / stretch[1]]
+            let fiducial = self.fiducials.iter().find(|fiducial| (fiducial.row, fiducial.column) == (row, column));
+            let diameter_mm = fiducial.map_or(Some(self.diameter_mm), |fiducial| fiducial.diameter_mm)?;
+            let [x, y] = [f64::from(column) * self.pitch_mm - last_x_mm, f64::from(row) * self.pitch_mm - last_y_mm];
+            let on_plate_mm = [self.centre_mm[0] + cos * x - sin * y, self.centre_mm[1] + sin * x + cos * y];
+            Some(([on_plate_mm[0] / stretch[0], on_plate_mm[1] / stretch[1]], diameter_mm))
         };
-        (0..self.rows).flat_map(|row| (0..self.columns).map(move |column| place(row, column))).collect()
+        (0..self.rows).flat_map(|row| (0..self.columns).filter_map(move |column| place(row, column))).collect()
     }
 }
 
@@ -212,7 +278,13 @@ mod tests {
     use super::*;
 
     fn grid(tilt_deg: f64, tilt_axis: TiltAxis) -> Plate {
-        let pattern = Pattern::Grid(DotGrid { rows: 2, columns: 3, pitch_mm: 2.0, diameter_mm: 1.0 });
+        let pattern = Pattern::Grid(DotGrid {
+            rows: 2,
+            columns: 3,
+            pitch_mm: 2.0,
+            diameter_mm: 1.0,
+            ..DotGrid::default()
+        });
         Plate { distance_mm: 300.0, tilt_deg, tilt_axis, pattern }
     }
 

@@ -2,6 +2,7 @@
 //!
 //! This crate is the only library that sees both the simulation and the reconstruction.
 
+pub mod calibration;
 pub mod limit;
 pub mod plates;
 pub mod rig;

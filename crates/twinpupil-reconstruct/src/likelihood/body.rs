@@ -33,6 +33,8 @@ pub(crate) struct Body {
     pub(crate) doubtful: bool,
     /// Whether the largest code hides how bright it is.
     pub(crate) saturated: bool,
+    /// Whether its place is given, so that nothing but its light is fitted.
+    pub(crate) pinned: bool,
     /// Whether pixels that do not fit were left out in the last round.
     pub(crate) masked: bool,
     /// How many of its rows were looked at in the last round, and are to be in the next.
@@ -154,6 +156,9 @@ const PATIENCE_SATURATED: usize = 11;
 const NEAR_SIGMAS: f64 = 20.0;
 const NEAR_CHI2: f64 = 1.5;
 
+/// Rounds after which the light of a dot whose place is given is known: the first finds it, the next weigh pixels by it.
+const PINNED_ROUNDS: usize = 3;
+
 /// After a step this small, of the position alone and with the diameter, the next would be none: each is about the square
 /// of the last, over the width of the edge.
 const LAST_SIGMAS: (f64, f64) = (8.0, 20.0);
@@ -177,6 +182,7 @@ impl Body {
             rounds: 0,
             doubtful,
             saturated: false,
+            pinned: false,
             masked: false,
             seen: Share::Quarter,
             share: Share::Quarter,
@@ -212,6 +218,9 @@ impl Body {
         if self.rounds == 0 || self.doubtful && self.rounds == 1 {
             return false;
         }
+        if self.pinned {
+            return self.explains(NEAR_CHI2);
+        }
         self.step_sigmas < NEAR_SIGMAS || self.explains(NEAR_CHI2) || self.rounds > PATIENCE
     }
 
@@ -223,6 +232,9 @@ impl Body {
     /// Whether another round would not move it, or nobody would notice: a dot that no depth is known of matters to those
     /// only on whom its light falls.
     pub(crate) fn rests(&self) -> bool {
+        if self.pinned {
+            return !self.alive || self.rounds >= PINNED_ROUNDS;
+        }
         let is_steep = self.dot.slopes.iter().any(|slope| slope.abs() > STEEP);
         let is_hard = self.has_neighbours || self.saturated || is_steep;
         let (enough, whole) = if is_hard { LAST_SIGMAS_HARD } else { LAST_SIGMAS };
@@ -253,7 +265,7 @@ impl Body {
     pub(crate) fn factorise(&mut self) {
         self.information = self.sum_information();
         self.equations = self.information.cholesky();
-        self.alive &= self.equations.is_some();
+        self.alive &= self.pinned || self.equations.is_some();
         self.step = Vector4::zeros();
         for light in self.bands.iter_mut().flatten() {
             light.step = SVector::zeros();
@@ -264,10 +276,15 @@ impl Body {
     /// Solves its equations, with what the steps of its neighbours take from its scores, for every band; how far the step
     /// is from the one before, in standard deviations.
     pub(crate) fn solve(&mut self, taken: impl Fn(usize) -> Vector6<f64>) -> f64 {
-        let Some(equations) = &self.equations else { return 0.0 };
         let scores: SmallVec<[Vector6<f64>; 2]> = (0..self.bands.len())
             .map(|band| self.bands[band].as_ref().map_or(Vector6::zeros(), |light| light.normal.score - taken(band)))
             .collect();
+        if self.pinned {
+            self.follow(&scores);
+            self.step_sigmas = 0.0;
+            return 0.0;
+        }
+        let Some(equations) = &self.equations else { return 0.0 };
         let mut score = Vector4::zeros();
         for (light, own) in self.bands.iter().zip(&scores) {
             if let Some(BandLight { jacobian, shape: Some(shape), .. }) = light {
@@ -279,14 +296,21 @@ impl Body {
         }
         let before = self.step;
         self.step = equations.solve(&score);
-        for (light, own) in self.bands.iter_mut().zip(&scores) {
+        let factor = equations.l().transpose();
+        let sigmas = |step: &Vector4<f64>| (factor * step).norm();
+        self.step_sigmas = sigmas(&self.step);
+        let change_sigmas = sigmas(&(self.step - before));
+        self.follow(&scores);
+        change_sigmas
+    }
+
+    /// The steps of images and light that go with that of the dot.
+    fn follow(&mut self, scores: &[Vector6<f64>]) {
+        for (light, own) in self.bands.iter_mut().zip(scores) {
             if let Some(light) = light {
                 light.follow(&self.step, own);
             }
         }
-        let sigmas = |step: &Vector4<f64>| (equations.l().transpose() * step).norm();
-        self.step_sigmas = sigmas(&self.step);
-        sigmas(&(self.step - before))
     }
 
     /// Takes the step that was solved for.

@@ -9,6 +9,7 @@ mod cut;
 mod full;
 mod illumination;
 pub(crate) mod joint;
+pub(crate) mod known;
 mod light;
 mod neighbours;
 mod normal;

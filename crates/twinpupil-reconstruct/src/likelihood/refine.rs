@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Matrix4};
 use smallvec::SmallVec;
-use twinpupil_instrument::{Instrument, PlaneView, ResponseTable};
+use twinpupil_instrument::{Instrument, PlaneView, Projection, ResponseTable};
 
 use crate::likelihood::black::Black;
 use crate::likelihood::body::{BandLight, Body, FitQuality, OwnCentre};
@@ -112,10 +112,10 @@ const ROUNDS: usize = 16;
 /// Buffers that are used again from frame to frame.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Workspace {
-    bodies: Vec<Body>,
-    buffers: Buffers,
+    pub(crate) bodies: Vec<Body>,
+    pub(crate) buffers: Buffers,
     patch: Patch,
-    blacks: Vec<Black>,
+    pub(crate) blacks: Vec<Black>,
     slopes: Slopes,
     chi2s: Vec<f64>,
     glance: Glance,
@@ -155,7 +155,18 @@ impl ForwardModel {
         workspace: &mut Workspace,
         refined: &mut Vec<Option<Refined>>,
     ) {
-        let Workspace { bodies, buffers, patch, blacks, slopes, chi2s, glance } = workspace;
+        let mut blacks = std::mem::take(&mut workspace.blacks);
+        self.look(planes, &mut blacks, |views| Self::refine_views(views, seeds, background, workspace, refined));
+        workspace.blacks = blacks;
+    }
+
+    /// Hands out the bands of a frame, ready to be compared.
+    pub(crate) fn look<T>(
+        &self,
+        planes: &[(PlaneView<'_>, Noise)],
+        blacks: &mut Vec<Black>,
+        then: impl FnOnce(&[BandView<'_>]) -> T,
+    ) -> T {
         if !blacks.iter().map(Black::noise).eq(planes.iter().map(|(_, noise)| noise)) {
             *blacks = planes.iter().map(|(_, noise)| Black::new(noise)).collect();
         }
@@ -170,9 +181,20 @@ impl ForwardModel {
                 aberration_mm,
             })
             .collect();
+        then(&views)
+    }
+
+    fn refine_views(
+        views: &[BandView<'_>],
+        seeds: &[Seed],
+        background: &[f64],
+        workspace: &mut Workspace,
+        refined: &mut Vec<Option<Refined>>,
+    ) {
+        let Workspace { bodies, buffers, patch, slopes, chi2s, glance, .. } = workspace;
         bodies.clear();
-        bodies.extend(seeds.iter().map(|seed| body(seed, &views, background)));
-        let mut joint = Joint { bands: &views, bodies, buffers };
+        bodies.extend(seeds.iter().map(|seed| body(seed, views, background)));
+        let mut joint = Joint { bands: views, bodies, buffers };
         joint.begin();
         let mut is_uneven = false;
         for round in 0..ROUNDS {
@@ -196,6 +218,13 @@ impl ForwardModel {
         refined.clear();
         refined
             .extend((0..seeds.len()).map(|index| self::refined(joint.bodies, &joint.buffers.couplings, index, patch)));
+    }
+
+    /// Of all bands, in the order of the instrument's.
+    pub(crate) fn projections(&self) -> Vec<Projection> {
+        let mut bands: Vec<&BandModel> = self.bands.iter().collect();
+        bands.sort_by_key(|band| band.index);
+        bands.into_iter().map(|band| band.pencil.projection).collect()
     }
 
     fn aberration_mm(&self, band: usize) -> impl Fn(f64, f64) -> f64 + Sync + '_ {

@@ -1,0 +1,74 @@
+//! What would make a calibration better.
+
+use twinpupil_instrument::DepthRange;
+
+use crate::result::{Calibration, LeftOpen};
+use crate::target::Target;
+
+/// Share of the depth range beyond the nearest and farthest pose that a calibration may be trusted in.
+const BEYOND_SHARE: f64 = 0.15;
+
+/// Tilts below which perspective tells little, degrees.
+const TILT_DEG_MIN: f64 = 10.0;
+
+/// Frames below which held-out errors mean little.
+const FRAMES_MIN: usize = 4;
+
+/// Share of the sensor's width or height that the dots should reach across.
+const COVER_MIN: f64 = 0.7;
+
+pub(crate) fn advice(calibration: &Calibration, target: &Target) -> Vec<String> {
+    let mut advice = Vec::new();
+    let frames = &calibration.frames;
+    if frames.len() < FRAMES_MIN {
+        advice.push(format!("{} of the frames could be used: take at least {FRAMES_MIN}", frames.len()));
+    }
+    let DepthRange { near_mm, far_mm } = calibration.instrument.depth_range();
+    let distances = || calibration.residuals.iter().map(|residual| residual.position_mm[2]);
+    let (nearest, farthest) = (distances().fold(f64::INFINITY, f64::min), distances().fold(0.0, f64::max));
+    let spare_mm = BEYOND_SHARE * (far_mm - near_mm);
+    if nearest > near_mm + spare_mm {
+        advice.push(format!("no dot nearer than {nearest:.0} mm, where the depth range begins at {near_mm:.0}: add a pose there"));
+    }
+    if farthest < far_mm - spare_mm {
+        advice.push(format!("no dot farther than {farthest:.0} mm, where the depth range ends at {far_mm:.0}: add a pose there"));
+    }
+    let tilt_deg = frames.iter().map(|frame| frame.pose.tilt_rad().to_degrees()).fold(0.0, f64::max);
+    if tilt_deg < TILT_DEG_MIN {
+        advice.push(format!("no pose is tilted by more than {tilt_deg:.0}°: tilt the target by 20° to 40° in some"));
+    }
+    advice.extend(cover(calibration));
+    for number in &calibration.numbers {
+        let Some(why) = &number.left_open else { continue };
+        let reason = match why {
+            LeftOpen::Unseen => "the frames hardly depend on it".to_owned(),
+            LeftOpen::Tied { with, correlation } => {
+                format!("a change of {with} does about the same to them (correlation {correlation:.3})")
+            }
+        };
+        advice.push(format!("{} is not determined: {reason}; it stays within its tolerance of {:.3}", number.key, number.tolerance));
+    }
+    let seen = calibration.residuals.iter().map(|residual| residual.dot);
+    let mut dots: Vec<usize> = seen.collect();
+    dots.sort_unstable();
+    dots.dedup();
+    if 2 * dots.len() < target.dots().len() {
+        advice.push(format!("only {} of the target's {} dots were ever seen", dots.len(), target.dots().len()));
+    }
+    advice
+}
+
+/// Whether the dots lie all over the sensor.
+fn cover(calibration: &Calibration) -> Option<String> {
+    let size_px = calibration.instrument.sensor.size_px;
+    for (axis, name) in ["width", "height"].into_iter().enumerate() {
+        let places = || calibration.residuals.iter().map(|residual| residual.foreseen_px[axis]);
+        let reach_px = places().fold(0.0, f64::max) - places().fold(f64::INFINITY, f64::min);
+        let share = reach_px / size_px[axis] as f64;
+        if share < COVER_MIN {
+            let percent = (100.0 * share).max(0.0);
+            return Some(format!("the dots reach over {percent:.0} % of the sensor's {name}: use more of it"));
+        }
+    }
+    None
+}

@@ -1,0 +1,328 @@
+//! What a calibration comes to.
+
+use nalgebra::{DMatrix, Matrix4, Vector3, Vector4};
+use twinpupil_instrument::{Instrument, Role};
+
+use crate::adjust::{Observation, Problem};
+use crate::advice::advice;
+use crate::calibrate::{CalibrateError, Calibrator, Fault, Fitness, Now, Seen};
+use crate::forward::{CAMERA_SLOTS, Slot, spot};
+use crate::lattice::median;
+use crate::pose::Pose;
+use crate::unknown::{Quantity, Unknown};
+
+/// An instrument as its frames tell it.
+#[derive(Debug, Clone)]
+pub struct Calibration {
+    /// The instrument, at its calibrated numbers.
+    pub instrument: Instrument,
+    /// Every number that was sought.
+    pub numbers: Vec<Number>,
+    /// Covariance of those, in the squares of their units.
+    pub covariance: DMatrix<f64>,
+    /// Every frame that was used.
+    pub frames: Vec<FrameResult>,
+    /// Those that were not, and why.
+    pub faults: Vec<Fault>,
+    /// How every spot lies beside where it should.
+    pub residuals: Vec<Residual>,
+    /// Where the target's dots lie beside their places, mm, if that was sought.
+    pub offsets_mm: Option<Vec<[f64; 2]>>,
+    /// χ² of all spots over their degrees of freedom.
+    pub reduced_chi2: f64,
+    /// Root mean square distance of the spots from where they should be, px.
+    pub rms_px: f64,
+    /// What frames that took no part in a calibration say of it; `None` of a single frame.
+    pub held_out: Option<HeldOut>,
+    /// What would make it better, in sentences.
+    pub advice: Vec<String>,
+}
+
+/// A number that was sought.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Number {
+    /// What it is.
+    pub quantity: Quantity,
+    /// Its key in the instrument file, or `target.dot_diameter_scale`.
+    pub key: String,
+    /// What the instrument file said, and within what tolerance.
+    pub expected: f64,
+    /// See [`Self::expected`].
+    pub tolerance: f64,
+    /// What the frames say.
+    pub value: f64,
+    /// Its standard deviation.
+    pub std: f64,
+    /// Why the frames do not determine it, if so.
+    pub left_open: Option<LeftOpen>,
+}
+
+/// Why frames do not determine a number.
+#[derive(Debug, Clone, PartialEq)]
+pub enum LeftOpen {
+    /// Their images hardly depend on it.
+    Unseen,
+    /// A change of another number does about the same to them.
+    Tied {
+        /// The key of the other.
+        with: String,
+        /// Correlation with it.
+        correlation: f64,
+    },
+}
+
+/// A frame that was used.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FrameResult {
+    /// Its index.
+    pub frame: usize,
+    /// Where the target stood.
+    pub pose: Pose,
+    /// Deviations of the turns (rad) and shifts (mm) of the pose.
+    pub pose_std: [f64; 6],
+    /// Spots that were compared, in all bands.
+    pub spots: usize,
+    /// Root mean square distance of the spots from where they should be, px.
+    pub rms_px: f64,
+    /// χ² of the frame's pixels about the forward model over their number.
+    pub pixel_chi2: f64,
+}
+
+/// A spot and where it should be.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Residual {
+    /// Index of the frame.
+    pub frame: usize,
+    /// Index of the band.
+    pub band: usize,
+    /// Index of the target's dot.
+    pub dot: usize,
+    /// Where the calibrated instrument sees the dot: u, v, radius and blur, px.
+    pub foreseen_px: [f64; 4],
+    /// How far the pixels would have that moved, px.
+    pub off_px: [f64; 4],
+    /// Deviations of [`Self::off_px`], px.
+    pub std_px: [f64; 4],
+    /// χ² of the four.
+    pub chi2: f64,
+    /// Where the dot is, mm.
+    pub position_mm: [f64; 3],
+}
+
+/// What frames say that took no part.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HeldOut {
+    /// Root mean square error of the depth of their dots about the target's plane, mm.
+    pub z_rms_mm: f64,
+    /// The same of the frames that took part, mm.
+    pub z_rms_within_mm: f64,
+    /// Dots.
+    pub dots: usize,
+}
+
+/// What a calibration is concluded from.
+pub(crate) struct Conclusion<'a> {
+    pub(crate) calibrator: &'a Calibrator<'a>,
+    pub(crate) unknowns: &'a [Unknown],
+    pub(crate) now: &'a Now,
+    pub(crate) seen: &'a [Seen],
+    pub(crate) faults: Vec<Fault>,
+    pub(crate) observations: &'a [Observation],
+    pub(crate) fitness: &'a [Fitness],
+}
+
+/// A number is left open if the frames leave this share of its tolerance.
+const OPEN_SHARE: f64 = 0.5;
+
+impl Calibration {
+    pub(crate) fn conclude(conclusion: Conclusion<'_>) -> Result<Self, CalibrateError> {
+        let Conclusion { calibrator, unknowns, now, seen, faults, observations, fitness } = conclusion;
+        let problem = now.problem(calibrator, unknowns, observations, f64::INFINITY);
+        let residuals = residuals(&problem, now, seen, observations);
+        let chi2: f64 = residuals.iter().map(|residual| residual.chi2).sum();
+        let freedom = (4 * residuals.len()).saturating_sub(unknowns.len() + 6 * seen.len()).max(1);
+        let reduced_chi2 = chi2 / freedom as f64;
+        let count = unknowns.len();
+        let scale = |i: usize, k: usize| unknowns[i].prior_std * unknowns[k].prior_std * reduced_chi2.max(1.0);
+        let covariance = DMatrix::from_fn(count, count, |i, k| now.adjusted.covariance[(i, k)] * scale(i, k));
+        let data = problem.information_of_each(&now.adjusted.state);
+        let numbers = numbers(calibrator.instrument, unknowns, now, &covariance, &data);
+        let frames: Vec<FrameResult> = (0..seen.len())
+            .map(|place| frame_result(place, now, seen, &residuals, (observations, fitness), reduced_chi2))
+            .collect();
+        let held_out = held_out(calibrator, unknowns, now, observations, seen.len())?;
+        let mut calibration = Self {
+            instrument: now.instrument.clone(),
+            numbers,
+            covariance,
+            frames,
+            faults,
+            rms_px: rms_px(residuals.iter()),
+            residuals,
+            offsets_mm: now.dots.place_std_mm.map(|_| now.adjusted.state.offsets_mm.clone()),
+            reduced_chi2,
+            held_out,
+            advice: Vec::new(),
+        };
+        calibration.advice = advice(&calibration, calibrator.target);
+        Ok(calibration)
+    }
+
+    /// A number by its key.
+    pub fn number(&self, key: &str) -> Option<&Number> {
+        self.numbers.iter().find(|number| number.key == key)
+    }
+}
+
+fn residuals(problem: &Problem<'_>, now: &Now, seen: &[Seen], observations: &[Observation]) -> Vec<Residual> {
+    let state = &now.adjusted.state;
+    let residual = |observation: &Observation| {
+        let Observation { frame, band, dot, .. } = *observation;
+        let image = problem.image(band, dot, &now.cameras, state, &state.poses[frame]);
+        let change = observation.most_likely_change()?;
+        let off = change - (image - observation.anchor);
+        let covariance = observation.information.pseudo_inverse(1e-12).ok()?;
+        Some(Residual {
+            frame: seen[frame].frame,
+            band,
+            dot,
+            foreseen_px: image.into(),
+            off_px: off.into(),
+            std_px: [0, 1, 2, 3].map(|k| covariance[(k, k)].max(0.0).sqrt()),
+            chi2: observation.chi2(&image),
+            position_mm: state.dot_mm(&now.dots, frame, dot).into(),
+        })
+    };
+    observations.iter().filter_map(residual).collect()
+}
+
+fn rms_px<'a>(residuals: impl Iterator<Item = &'a Residual>) -> f64 {
+    let squares: Vec<f64> = residuals.map(|Residual { off_px: [u, v, ..], .. }| u * u + v * v).collect();
+    (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt()
+}
+
+fn numbers(
+    instrument: &Instrument,
+    unknowns: &[Unknown],
+    now: &Now,
+    covariance: &DMatrix<f64>,
+    data: &[f64],
+) -> Vec<Number> {
+    let number = |(k, unknown): (usize, &Unknown)| {
+        let std = covariance[(k, k)].sqrt();
+        let key = |quantity: Quantity| quantity.key(instrument);
+        let alone = if data[k] > 0.0 { data[k].sqrt().recip() } else { f64::INFINITY };
+        let left_open = if std < OPEN_SHARE * unknown.prior_std {
+            None
+        } else if alone > OPEN_SHARE {
+            Some(LeftOpen::Unseen)
+        } else {
+            let correlation = |other: usize| covariance[(k, other)] / (std * covariance[(other, other)].sqrt());
+            let others = (0..unknowns.len()).filter(|other| *other != k);
+            let strongest = others.max_by(|a, b| correlation(*a).abs().total_cmp(&correlation(*b).abs()));
+            strongest.map(|other| LeftOpen::Tied {
+                with: key(unknowns[other].quantity),
+                correlation: correlation(other),
+            })
+        };
+        Number {
+            quantity: unknown.quantity,
+            key: key(unknown.quantity),
+            expected: unknown.expected,
+            tolerance: unknown.prior_std,
+            value: now.adjusted.state.values[k],
+            std,
+            left_open,
+        }
+    };
+    unknowns.iter().enumerate().map(number).collect()
+}
+
+fn frame_result(
+    place: usize,
+    now: &Now,
+    seen: &[Seen],
+    residuals: &[Residual],
+    (observations, fitness): (&[Observation], &[Fitness]),
+    reduced_chi2: f64,
+) -> FrameResult {
+    let frame = seen[place].frame;
+    let own = || residuals.iter().filter(|residual| residual.frame == frame);
+    let fits = observations.iter().zip(fitness).filter(|(observation, _)| observation.frame == place);
+    let (chi2, used_px) = fits.fold((0.0, 0), |(chi2, used), (_, fit)| (chi2 + fit.chi2, used + fit.used_px));
+    let covariance = &now.adjusted.pose_covariances[place];
+    FrameResult {
+        frame,
+        pose: now.adjusted.state.poses[place],
+        pose_std: std::array::from_fn(|k| (covariance[(k, k)] * reduced_chi2.max(1.0)).max(0.0).sqrt()),
+        spots: own().count(),
+        rms_px: rms_px(own()),
+        pixel_chi2: chi2 / used_px.max(1) as f64,
+    }
+}
+
+/// Calibrates again without a part of the frames, and finds how the depth of their dots fits the target's plane.
+fn held_out(
+    calibrator: &Calibrator<'_>,
+    unknowns: &[Unknown],
+    now: &Now,
+    observations: &[Observation],
+    frames: usize,
+) -> Result<Option<HeldOut>, CalibrateError> {
+    const PARTS_MAX: usize = 10;
+    if frames < 2 {
+        return Ok(None);
+    }
+    let parts = frames.min(PARTS_MAX);
+    let mut errors_mm = Vec::new();
+    for part in 0..parts {
+        let split = |is_own: bool| -> Vec<Observation> {
+            observations.iter().filter(|observation| (observation.frame % parts == part) == is_own).copied().collect()
+        };
+        let others = calibrator.adjust(now, unknowns, &split(false), None)?;
+        // The poses of the frames that were left out, as that instrument sees them.
+        let own = split(true);
+        let posed = calibrator.adjust(&others, &[], &own, None)?;
+        errors_mm.extend(depth_errors_mm(calibrator, &posed, &own));
+    }
+    let within_mm = depth_errors_mm(calibrator, now, observations);
+    let rms = |values: &[f64]| (values.iter().map(|value| value * value).sum::<f64>() / values.len().max(1) as f64).sqrt();
+    Ok(Some(HeldOut { z_rms_mm: rms(&errors_mm), z_rms_within_mm: rms(&within_mm), dots: errors_mm.len() }))
+}
+
+/// How far every dot that the pair of bands shows seems before or behind the target, mm, if its place and diameter are
+/// unknown.
+fn depth_errors_mm(calibrator: &Calibrator<'_>, now: &Now, observations: &[Observation]) -> Vec<f64> {
+    let problem = now.problem(calibrator, &[], observations, f64::INFINITY);
+    let state = &now.adjusted.state;
+    let bands = [Role::Telecentric, Role::Entocentric].map(|role| calibrator.instrument.band_index(role));
+    let mut errors_mm = Vec::new();
+    let mut rest: Vec<&Observation> = observations.iter().collect();
+    rest.sort_by_key(|observation| (observation.frame, observation.dot));
+    for own in rest.chunk_by(|a, b| (a.frame, a.dot) == (b.frame, b.dot)) {
+        if !bands.iter().all(|band| own.iter().any(|observation| observation.band == *band)) {
+            continue;
+        }
+        let (mut information, mut score) = (Matrix4::zeros(), Vector4::zeros());
+        for observation in own {
+            let pose = &state.poses[observation.frame];
+            let (slots, view) = problem.look(observation.band, observation.dot, &now.cameras, state, pose);
+            let (image, gradient) = spot(&slots, &view);
+            let mut to_dot = Matrix4::zeros();
+            to_dot.fixed_columns_mut::<3>(0).copy_from(&gradient.fixed_columns::<3>(CAMERA_SLOTS + 3));
+            to_dot.set_column(3, &gradient.column(Slot::Diameter as usize));
+            information += to_dot.transpose() * observation.information * to_dot;
+            score += to_dot.transpose()
+                * (observation.score - observation.information * (image - observation.anchor));
+        }
+        if let Some(factor) = information.cholesky() {
+            let step: Vector3<f64> = factor.solve(&score).fixed_rows::<3>(0).into_owned();
+            errors_mm.push(step.z);
+        }
+    }
+    // A few wrong dots are no error of the calibration.
+    const WRONG: f64 = 20.0;
+    let typical_mm = median(errors_mm.iter().map(|error| error.abs())).max(1e-9);
+    errors_mm.retain(|error_mm| error_mm.abs() < WRONG * typical_mm);
+    errors_mm
+}

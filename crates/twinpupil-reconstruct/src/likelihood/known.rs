@@ -1,0 +1,91 @@
+//! Dots whose places are given: which way the pixels would have their images moved.
+
+use nalgebra::{Matrix4, Vector4};
+use smallvec::SmallVec;
+use twinpupil_instrument::PlaneView;
+
+use crate::likelihood::body::{BandLight, Body};
+use crate::likelihood::joint::{BandView, Joint};
+use crate::likelihood::refine::{ForwardModel, Workspace};
+use crate::likelihood::spot::Dot;
+use crate::noise::Noise;
+
+/// A dot whose place in space is given.
+#[derive(Debug, Clone, PartialEq)]
+pub struct KnownDot {
+    /// Its centre before the front principal point, mm.
+    pub centre_mm: [f64; 3],
+    /// Slopes dz/dx and dz/dy of its surface.
+    pub slopes: [f64; 2],
+    /// Its diameter, mm.
+    pub diameter_mm: f64,
+    /// About how much brighter than the ground it is in each band of the instrument, codes; `None` where it is not looked
+    /// at.
+    pub contrast_codes: Vec<Option<f64>>,
+}
+
+/// What the pixels of one band say of the image of a dot whose place is given: the log-likelihood of a small change Δ of
+/// the image's u, v, radius and blur (px) is `score·Δ − ½ Δ·information Δ`, whatever brightness and ground may be.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SpotScore {
+    /// Its slope.
+    pub score: Vector4<f64>,
+    /// Its curvature: the inverse is the covariance of a measurement.
+    pub information: Matrix4<f64>,
+    /// χ² of the pixels about the image as it is given.
+    pub chi2: f64,
+    /// Pixels that count.
+    pub used_px: usize,
+    /// Pixels that were left out: saturated, dead or foreign.
+    pub masked_px: usize,
+}
+
+impl ForwardModel {
+    /// What the pixels say of given dots, in every band of this model that shows them; contrasts and backgrounds are those
+    /// of its bands.
+    pub(crate) fn scores(
+        &self,
+        planes: &[(PlaneView<'_>, Noise)],
+        dots: &[(Dot, SmallVec<[Option<f64>; 2]>)],
+        background: &[f64],
+        workspace: &mut Workspace,
+    ) -> Vec<SmallVec<[Option<SpotScore>; 2]>> {
+        let mut blacks = std::mem::take(&mut workspace.blacks);
+        let scores = self.look(planes, &mut blacks, |views| {
+            let Workspace { bodies, buffers, .. } = workspace;
+            bodies.clear();
+            bodies.extend(dots.iter().map(|(dot, contrast)| body(*dot, contrast, background, views)));
+            let mut joint = Joint { bands: views, bodies, buffers };
+            joint.begin();
+            while !joint.bodies.iter().all(Body::rests) {
+                joint.refresh_moving();
+                joint.round();
+            }
+            joint.bodies.iter().map(|body| body.bands.iter().map(|light| score(light.as_ref()?)).collect()).collect()
+        });
+        workspace.blacks = blacks;
+        scores
+    }
+}
+
+fn body(dot: Dot, contrast: &[Option<f64>], background: &[f64], views: &[BandView<'_>]) -> Body {
+    let mut body = Body::new(dot, None, false);
+    body.pinned = true;
+    let lights = views.iter().zip(contrast).zip(background);
+    body.bands.extend(lights.map(|((view, contrast), background)| {
+        contrast.map(|contrast| BandLight::new(contrast, *background, view.spot(&dot)))
+    }));
+    body
+}
+
+fn score(light: &BandLight) -> Option<SpotScore> {
+    let shape = light.shape?;
+    let is_sound = shape.score.iter().chain(shape.information.iter()).all(|value| value.is_finite());
+    is_sound.then_some(SpotScore {
+        score: shape.score,
+        information: shape.information,
+        chi2: light.normal.chi2,
+        used_px: light.normal.used,
+        masked_px: light.normal.masked,
+    })
+}

@@ -1,0 +1,168 @@
+//! Cameras off their data sheet, calibrated from a target: how well the depth of other frames' dots comes out.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use twinpupil_calibrate::{CalibrateError, Calibration, Calibrator, Choices, Target, TargetKind, TargetSpec};
+use twinpupil_instrument::{Distortion, Frame, Instrument, InstrumentSpec, Lens, Mosaic, paper};
+use twinpupil_optics::response_table_for;
+use twinpupil_reconstruct::{Mode, Options, Reconstructor};
+use twinpupil_simulate::{DotGrid, Pattern, Plate, Scene, SceneSpec, TiltAxis};
+
+use crate::rig::{Rig, nearest};
+
+/// A pose of the target: distance in mm, tilt in degrees about an axis, turn in degrees.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TargetPose {
+    /// Where the plate meets the axis, mm.
+    pub distance_mm: f64,
+    /// Its tilt, degrees.
+    pub tilt_deg: f64,
+    /// The axis of the tilt.
+    pub tilt_axis: TiltAxis,
+    /// The turn of the grid on it, degrees.
+    pub turn_deg: f64,
+}
+
+const fn pose(distance_mm: f64, tilt_deg: f64, tilt_axis: TiltAxis, turn_deg: f64) -> TargetPose {
+    TargetPose { distance_mm, tilt_deg, tilt_axis, turn_deg }
+}
+
+/// Seven poses from 258 to 342 mm with tilts to 30°.
+pub const POSES: [TargetPose; 7] = [
+    pose(258.0, 0.0, TiltAxis::Y, 3.0),
+    pose(272.0, 25.0, TiltAxis::X, -4.0),
+    pose(286.0, -30.0, TiltAxis::Y, 8.0),
+    pose(300.0, 30.0, TiltAxis::Y, 0.0),
+    pose(314.0, -28.0, TiltAxis::X, -10.0),
+    pose(328.0, 20.0, TiltAxis::X, 5.0),
+    pose(342.0, -15.0, TiltAxis::Y, 2.0),
+];
+
+/// The data sheet: the paper's camera with every pixel seeing both bands, or behind a mosaic.
+pub fn data_sheet(mosaic: Mosaic) -> Instrument {
+    let mut spec = paper::instrument().into_spec();
+    spec.sensor.mosaic = mosaic;
+    Instrument::new(spec).expect("a legal instrument")
+}
+
+/// The same camera as it came off the line: other focal lengths, another distance of the sensor, its axis elsewhere and
+/// its masks off centre; with a tilted sensor and distortion if asked.
+pub fn off_data_sheet(data_sheet: &Instrument, is_bent: bool) -> Instrument {
+    let mut spec = data_sheet.clone().into_spec();
+    if let Lens::Thin(lens) = &mut spec.lens {
+        let by_band = [("red", 1.009), ("blue", 0.986)];
+        lens.focal_length_mm_by_band =
+            by_band.map(|(band, factor)| (band.to_owned(), factor * lens.focal_length_mm)).into();
+    }
+    spec.sensor.distance_mm += 0.7;
+    spec.sensor.axis_px = [spec.sensor.axis_px[0] + 5.6, spec.sensor.axis_px[1] - 4.2];
+    spec.apertures[0].centre_mm = [0.03, -0.04];
+    spec.apertures[1].centre_mm = [-0.04, -0.03];
+    if is_bent {
+        bend(&mut spec);
+    }
+    Instrument::new(spec).expect("a legal instrument")
+}
+
+/// Tilts the sensor by 0.3° and distorts the images by 0.1 % at its corner.
+fn bend(spec: &mut InstrumentSpec) {
+    spec.sensor.tilt_deg = [0.24, -0.18];
+    let [x_mm, y_mm] = spec.sensor.size_px.map(|size| 0.5 * size as f64 * spec.sensor.pitch_mm);
+    let square = x_mm * x_mm + y_mm * y_mm;
+    for (band, share) in spec.bands.iter_mut().zip([1e-3, -0.8e-3]) {
+        band.distortion = Distortion { k1_per_mm2: share / square, ..Distortion::default() };
+    }
+}
+
+/// A grid of 9 × 7 dots with a pitch of 1.5 mm.
+pub fn target() -> Target {
+    Target::new(TargetSpec {
+        schema: 1,
+        name: "9 x 7 dots".to_owned(),
+        kind: TargetKind::DotGrid,
+        rows: 7,
+        columns: 9,
+        pitch_mm: 1.5,
+        dot_diameter_mm: 0.9,
+        fiducials: Vec::new(),
+    })
+    .expect("a legal target")
+}
+
+/// The target in a pose, at 20 000 electrons.
+pub fn target_scene(target: &Target, pose: &TargetPose) -> Scene {
+    let spec = target.spec();
+    let grid = DotGrid {
+        rows: spec.rows as u32,
+        columns: spec.columns as u32,
+        pitch_mm: spec.pitch_mm,
+        diameter_mm: spec.dot_diameter_mm,
+        turn_deg: pose.turn_deg,
+        ..DotGrid::default()
+    };
+    Scene::new(SceneSpec {
+        schema: 1,
+        name: "target".to_owned(),
+        seed: 0,
+        background_e: 0.0,
+        brightness_e: 20_000.0,
+        illumination: None,
+        dots: Vec::new(),
+        plate: Some(Plate {
+            distance_mm: pose.distance_mm,
+            tilt_deg: pose.tilt_deg,
+            tilt_axis: pose.tilt_axis,
+            pattern: Pattern::Grid(grid),
+        }),
+    })
+    .expect("a legal scene")
+}
+
+/// Frames of the target in all poses.
+pub fn target_frames(camera: &Rig, target: &Target, poses: &[TargetPose], seed: u64) -> Vec<Frame> {
+    let frame = |(k, pose): (usize, &TargetPose)| camera.frame(&target_scene(target, pose), Some(seed + k as u64));
+    poses.iter().enumerate().map(frame).collect()
+}
+
+/// Makes an instrument ready to read frames.
+pub fn reader(instrument: &Instrument) -> Reconstructor {
+    let table = response_table_for(instrument).expect("the instrument can be traced");
+    let options = Options { mode: Mode::Centroid, ..Options::default() };
+    Reconstructor::new(instrument.clone(), Some(table), options)
+}
+
+/// Calibrates an instrument from frames.
+pub fn calibrate(
+    data_sheet: &Instrument,
+    target: &Target,
+    frames: &[Frame],
+    choices: &Choices,
+) -> Result<Calibration, CalibrateError> {
+    let done = AtomicU64::new(0);
+    let calibrator = Calibrator {
+        instrument: data_sheet,
+        target,
+        choices,
+        place_std_mm: None,
+        reader: &|instrument| Ok(reader(instrument)),
+        frame: &|frame| Ok(frames[frame].clone()),
+        progress: &|_| {
+            done.fetch_add(1, Ordering::Relaxed);
+        },
+    };
+    calibrator.calibrate(frames.len())
+}
+
+/// Errors of z of the dots with r ≥ 2 that are wholly on the sensor, mm, with the reported deviations.
+pub fn depth_errors(camera: &Rig, reader: &Rig, scene: &Scene, noise_seed: u64) -> Vec<[f64; 2]> {
+    const R_MM_MIN: f64 = 2.0;
+    let points = reader.points(&camera.frame(scene, Some(noise_seed)));
+    let whole = scene.dots().iter().filter(|dot| {
+        dot.centre_mm[0].hypot(dot.centre_mm[1]) >= R_MM_MIN && camera.sees_whole(dot.centre_mm, dot.diameter_mm)
+    });
+    let error = |dot: &twinpupil_simulate::Dot| {
+        let point = nearest(&points, dot.centre_mm)?;
+        Some([point.position_mm[2] - dot.centre_mm[2], point.std_mm[2]])
+    };
+    whole.filter_map(error).collect()
+}
