@@ -6,7 +6,7 @@ use nalgebra::{DMatrix, Matrix4, Vector4};
 use rayon::prelude::*;
 use thiserror::Error;
 use twinpupil_instrument::check::ValueError;
-use twinpupil_instrument::{Frame, Instrument, PixelPoint, Role};
+use twinpupil_instrument::{Band, Frame, Instrument, PixelPoint, Projection, Role};
 use twinpupil_reconstruct::{Detection, KnownDot, Polarity, Reconstructor};
 
 use crate::adjust::{Adjusted, BandCamera, Dots, Observation, Problem, State};
@@ -166,7 +166,7 @@ impl Calibrator<'_> {
         let reader = (self.reader)(self.instrument).map_err(CalibrateError::Foreign)?;
         let (mut seen, mut faults) = self.find(&reader, frames)?;
         let mut now = self.first(&reader, &unknowns, &mut seen, &mut faults)?;
-        let mut comparison = self.compare(&now, &seen, 0)?;
+        let mut comparison = self.compare(&mut now, &seen, 0)?;
         for round in 1..=COMPARISONS {
             let next = self.adjust(&now, &unknowns, &comparison.observations, None)?;
             let moved = next.moved_sigmas(&now, &unknowns);
@@ -174,7 +174,7 @@ impl Calibrator<'_> {
             if moved < RESTING_SIGMAS || round == COMPARISONS {
                 break;
             }
-            comparison = self.compare(&now, &seen, round)?;
+            comparison = self.compare(&mut now, &seen, round)?;
         }
         self.check_data_sheet(&now, &unknowns)?;
         Calibration::conclude(Conclusion {
@@ -450,8 +450,10 @@ impl Calibrator<'_> {
     }
 
     /// Compares all frames with the forward model of an instrument.
-    fn compare(&self, now: &Now, seen: &[Seen], round: usize) -> Result<Comparison, CalibrateError> {
+    fn compare(&self, now: &mut Now, seen: &[Seen], round: usize) -> Result<Comparison, CalibrateError> {
         let reader = (self.reader)(&now.instrument).map_err(CalibrateError::Foreign)?;
+        now.see_through(reader.projections());
+        let now = &*now;
         let problem = now.problem(self, &[], &[], 1.0);
         let one = |(place, one): (usize, &Seen)| -> Result<Vec<(Observation, Fitness)>, Foreign> {
             let frame = (self.frame)(one.frame)?;
@@ -469,7 +471,8 @@ impl Calibrator<'_> {
                         anchor: problem.image(band, *dot, &now.cameras, state, &state.poses[place]),
                         score: score.score,
                         information: score.information,
-                    };
+                    }
+                    .with_model_error();
                     observations.push((observation, Fitness { chi2: score.chi2, used_px: score.used_px }));
                 }
             }
@@ -531,7 +534,7 @@ impl Calibrator<'_> {
                 adjusted = problem.adjust(adjusted.state).ok_or_else(failed)?;
             }
         }
-        now.moved_to(self, unknowns, adjusted)
+        Ok(now.moved_to(unknowns, adjusted)?)
     }
 }
 
@@ -554,7 +557,7 @@ fn no_frames(faults: &[Fault]) -> CalibrateError {
 #[derive(Debug, Clone)]
 pub(crate) struct Now {
     pub(crate) instrument: Instrument,
-    pub(crate) projections: Vec<twinpupil_instrument::Projection>,
+    pub(crate) projections: Vec<Projection>,
     pub(crate) cameras: Vec<BandCamera>,
     pub(crate) dots: Dots,
     pub(crate) diameter_scale: f64,
@@ -600,12 +603,7 @@ impl Now {
     }
 
     /// The instrument that the adjusted unknowns make.
-    fn moved_to(
-        &self,
-        calibrator: &Calibrator<'_>,
-        unknowns: &[Unknown],
-        adjusted: Adjusted,
-    ) -> Result<Self, CalibrateError> {
+    fn moved_to(&self, unknowns: &[Unknown], adjusted: Adjusted) -> Result<Self, ValueError> {
         let mut spec = self.instrument.clone().into_spec();
         let mut diameter_scale = self.diameter_scale;
         for (unknown, value) in unknowns.iter().zip(&adjusted.state.values) {
@@ -615,10 +613,30 @@ impl Now {
             }
         }
         let instrument = Instrument::new(spec)?;
-        let reader = (calibrator.reader)(&instrument).map_err(CalibrateError::Foreign)?;
-        let projections = reader.projections();
-        let cameras = cameras(&instrument, &projections, diameter_scale);
-        Ok(Self { instrument, projections, cameras, dots: self.dots.clone(), diameter_scale, adjusted })
+        // Until it is traced anew, a real lens has its focal lengths in the proportions that it had.
+        let projection = |(band, before): (&Band, &Projection)| {
+            let [stated, stated_before] =
+                [&instrument, &self.instrument].map(|instrument| instrument.projection(band).focal_length_mm);
+            let focal_length_mm = before.focal_length_mm / stated_before * stated;
+            Projection { focal_length_mm, ..instrument.projection(band) }
+        };
+        let projections = instrument.bands.iter().zip(&self.projections).map(projection).collect();
+        let mut next = Self {
+            instrument,
+            projections: Vec::new(),
+            cameras: Vec::new(),
+            dots: self.dots.clone(),
+            diameter_scale,
+            adjusted,
+        };
+        next.see_through(projections);
+        Ok(next)
+    }
+
+    /// Takes the bands' projections from the optics.
+    fn see_through(&mut self, projections: Vec<Projection>) {
+        self.cameras = cameras(&self.instrument, &projections, self.diameter_scale);
+        self.projections = projections;
     }
 
     /// The largest change of an unknown since `before`, in its deviations.

@@ -125,10 +125,15 @@ pub fn target_frames(camera: &Rig, target: &Target, poses: &[TargetPose], seed: 
 }
 
 /// Makes an instrument ready to read frames.
+///
+/// # Panics
+/// If the instrument cannot be traced.
 pub fn reader(instrument: &Instrument) -> Reconstructor {
-    let table = response_table_for(instrument).expect("the instrument can be traced");
+    // An ideal lens adds nothing to first order.
+    let is_ideal = matches!(instrument.lens, Lens::Thin(_));
+    let table = (!is_ideal).then(|| response_table_for(instrument).expect("the instrument can be traced"));
     let options = Options { mode: Mode::Centroid, ..Options::default() };
-    Reconstructor::new(instrument.clone(), Some(table), options)
+    Reconstructor::new(instrument.clone(), table, options)
 }
 
 /// Calibrates an instrument from frames.

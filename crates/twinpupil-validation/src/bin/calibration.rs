@@ -21,7 +21,7 @@ fn main() -> std::io::Result<()> {
         let target = target();
         let frames = target_frames(&camera, &target, &POSES, 100 * seed);
         let start = std::time::Instant::now();
-        let calibration = match calibrate(&sheet, &target, &frames, &Choices::default()) {
+        let calibration = match calibrate(&sheet, &target, &frames, &Choices { prior_std: std::env::var("FIX").map(|f| f.split(',').map(|k| (k.to_owned(), 0.0)).collect()).unwrap_or_default() }) {
             Ok(calibration) => calibration,
             Err(error) => {
                 writeln!(out, "{mosaic:?} {is_bent}: {error}")?;
@@ -37,6 +37,15 @@ fn main() -> std::io::Result<()> {
             };
             writeln!(out, "{:42} {:12.6} {:12.6} {:10.6} {:7.2}  {:?}", number.key, number.value, true_value, number.std,
                 (number.value - true_value) / number.std, number.left_open)?;
+        }
+        if std::env::var("MORE").is_ok() {
+            for f in &calibration.frames { writeln!(out, "{} z {:.2} tilt {:.3} rms {:.4} pix {:.3} pose {:?}", f.frame, f.pose.translation_mm.z, f.pose.tilt_rad().to_degrees(), f.rms_px, f.pixel_chi2, f.pose_std)?;
+                for band in 0..2 { let own: Vec<_> = calibration.residuals.iter().filter(|r| r.frame == f.frame && r.band == band).collect();
+                    let n = own.len() as f64;
+                    for k in 0..4 { let m: f64 = own.iter().map(|r| r.off_px[k]).sum::<f64>()/n; let s: f64 = own.iter().map(|r| (r.off_px[k]/r.std_px[k]).powi(2)).sum::<f64>()/n; let sd: f64 = own.iter().map(|r| r.std_px[k]).sum::<f64>()/n;
+                        write!(out, "   {m:8.5} {:.2} ({sd:.5})", s.sqrt())?; }
+                    writeln!(out)?; } }
+            break;
         }
         for fault in &calibration.faults { writeln!(out, "{fault:?}")?; }
         for advice in &calibration.advice { writeln!(out, "  {advice}")?; }
