@@ -290,7 +290,14 @@ impl Problem<'_> {
         cameras
     }
 
-    pub(crate) fn look(&self, band: usize, dot: usize, cameras: &[BandCamera], state: &State, pose: &Pose) -> (Slots, View) {
+    pub(crate) fn look(
+        &self,
+        band: usize,
+        dot: usize,
+        cameras: &[BandCamera],
+        state: &State,
+        pose: &Pose,
+    ) -> (Slots, View) {
         let camera = &cameras[band];
         let mut slots = Slots::zeros();
         slots.as_mut_slice()[..CAMERA_SLOTS].copy_from_slice(&camera.slots);
@@ -307,7 +314,14 @@ impl Problem<'_> {
     }
 
     /// u, v, radius and blur of a dot's image, px.
-    pub(crate) fn image(&self, band: usize, dot: usize, cameras: &[BandCamera], state: &State, pose: &Pose) -> Vector4<f64> {
+    pub(crate) fn image(
+        &self,
+        band: usize,
+        dot: usize,
+        cameras: &[BandCamera],
+        state: &State,
+        pose: &Pose,
+    ) -> Vector4<f64> {
         let (slots, view) = self.look(band, dot, cameras, state, pose);
         spot(&slots, &view).0
     }
@@ -321,9 +335,10 @@ impl Problem<'_> {
     fn cost(&self, shares: &[Share], state: &State) -> f64 {
         let priors = state.values.iter().zip(self.unknowns);
         let known: f64 = priors.map(|(value, unknown)| ((value - unknown.expected) / unknown.prior_std).powi(2)).sum();
-        let placed: f64 = self.dots.place_std_mm.map_or(0.0, |std_mm| {
-            state.offsets_mm.iter().flatten().map(|offset| (offset / std_mm).powi(2)).sum()
-        });
+        let placed: f64 = self
+            .dots
+            .place_std_mm
+            .map_or(0.0, |std_mm| state.offsets_mm.iter().flatten().map(|offset| (offset / std_mm).powi(2)).sum());
         shares.iter().map(|share| share.cost).sum::<f64>() + known + placed
     }
 }

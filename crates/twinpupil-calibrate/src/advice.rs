@@ -28,10 +28,14 @@ pub(crate) fn advice(calibration: &Calibration, target: &Target) -> Vec<String> 
     let (nearest, farthest) = (distances().fold(f64::INFINITY, f64::min), distances().fold(0.0, f64::max));
     let spare_mm = BEYOND_SHARE * (far_mm - near_mm);
     if nearest > near_mm + spare_mm {
-        advice.push(format!("no dot nearer than {nearest:.0} mm, where the depth range begins at {near_mm:.0}: add a pose there"));
+        advice.push(format!(
+            "no dot nearer than {nearest:.0} mm, where the depth range begins at {near_mm:.0}: add a pose there"
+        ));
     }
     if farthest < far_mm - spare_mm {
-        advice.push(format!("no dot farther than {farthest:.0} mm, where the depth range ends at {far_mm:.0}: add a pose there"));
+        advice.push(format!(
+            "no dot farther than {farthest:.0} mm, where the depth range ends at {far_mm:.0}: add a pose there"
+        ));
     }
     let tilt_deg = frames.iter().map(|frame| frame.pose.tilt_rad().to_degrees()).fold(0.0, f64::max);
     if tilt_deg < TILT_DEG_MIN {
@@ -46,7 +50,10 @@ pub(crate) fn advice(calibration: &Calibration, target: &Target) -> Vec<String> 
                 format!("a change of {with} does about the same to them (correlation {correlation:.3})")
             }
         };
-        advice.push(format!("{} is not determined: {reason}; it stays within its tolerance of {:.3}", number.key, number.tolerance));
+        advice.push(format!(
+            "{} is not determined: {reason}; it stays within its tolerance of {:.3}",
+            number.key, number.tolerance
+        ));
     }
     let seen = calibration.residuals.iter().map(|residual| residual.dot);
     let mut dots: Vec<usize> = seen.collect();

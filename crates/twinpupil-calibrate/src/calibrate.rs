@@ -282,7 +282,8 @@ impl Calibrator<'_> {
             let cameras = &start.cameras;
             let observations = |seen: &[Seen]| -> Vec<Observation> {
                 let state = &start.adjusted.state;
-                let of_frame = |(place, one): (usize, &Seen)| self.rough(&start, one, place, cameras, &state.poses[place]);
+                let of_frame =
+                    |(place, one): (usize, &Seen)| self.rough(&start, one, place, cameras, &state.poses[place]);
                 seen.iter().enumerate().flat_map(of_frame).collect()
             };
             let observations = observations(seen);
@@ -323,14 +324,7 @@ impl Calibrator<'_> {
     }
 
     /// What the features of a frame tell: centres well, size and blur roughly.
-    fn rough(
-        &self,
-        now: &Now,
-        seen: &Seen,
-        place: usize,
-        cameras: &[BandCamera],
-        pose: &Pose,
-    ) -> Vec<Observation> {
+    fn rough(&self, now: &Now, seen: &Seen, place: usize, cameras: &[BandCamera], pose: &Pose) -> Vec<Observation> {
         const CENTRE_PX: f64 = 0.1;
         const SIZE: f64 = 0.02;
         const BLUR_PX: f64 = 0.7;

@@ -51,11 +51,11 @@ mod tests {
             band.distortion =
                 Distortion { k1_per_mm2: 2e-5 * k, k2_per_mm4: -1e-7, p1_per_mm: 1e-5, p2_per_mm: -3e-5 * k };
         }
-        spec.bands[1].registration = Registration::from_rows([[1.01, 0.03, 5.0], [-0.03, 1.01, 9.0], [1e-6, 2e-6, 1.0]]);
+        spec.bands[1].registration =
+            Registration::from_rows([[1.01, 0.03, 5.0], [-0.03, 1.01, 9.0], [1e-6, 2e-6, 1.0]]);
         spec.apertures[1].centre_mm = [0.05, -0.08];
         let instrument = Instrument::new(spec).unwrap();
-        let projections: Vec<Projection> =
-            instrument.bands.iter().map(|band| instrument.projection(band)).collect();
+        let projections: Vec<Projection> = instrument.bands.iter().map(|band| instrument.projection(band)).collect();
         for (index, camera) in cameras(&instrument, &projections, 1.0).iter().enumerate() {
             let band = &instrument.bands[index];
             for object_mm in [[3.0, -2.0, 260.0], [-4.0, 1.0, 335.0]] {

@@ -32,9 +32,7 @@ impl Lattice {
     pub(crate) fn largest(spots: &[Spot], among: &[usize]) -> Option<Self> {
         let mut seeds: Vec<usize> = among.to_vec();
         let middle = [0, 1].map(|k| median(among.iter().map(|index| spots[*index].centre_px[k])));
-        seeds.sort_by(|a, b| {
-            away_px(spots[*a].centre_px, middle).total_cmp(&away_px(spots[*b].centre_px, middle))
-        });
+        seeds.sort_by(|a, b| away_px(spots[*a].centre_px, middle).total_cmp(&away_px(spots[*b].centre_px, middle)));
         let mut largest: Option<Self> = None;
         for seed in seeds.into_iter().take(SEEDS) {
             let Some(steps_px) = first_steps(spots, among, seed) else { continue };
@@ -132,9 +130,8 @@ fn first_steps(spots: &[Spot], among: &[usize], seed: usize) -> Option<[[f64; 2]
         let [u, v] = spots[*index].centre_px;
         [u - start_px[0], v - start_px[1]]
     };
-    let shortest = |steps: &mut dyn Iterator<Item = [f64; 2]>| {
-        steps.min_by(|a, b| a[0].hypot(a[1]).total_cmp(&b[0].hypot(b[1])))
-    };
+    let shortest =
+        |steps: &mut dyn Iterator<Item = [f64; 2]>| steps.min_by(|a, b| a[0].hypot(a[1]).total_cmp(&b[0].hypot(b[1])));
     let others = || among.iter().filter(|index| **index != seed).map(step);
     let first = shortest(&mut others())?;
     let is_beside = |other: &[f64; 2]| {

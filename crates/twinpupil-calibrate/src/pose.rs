@@ -39,10 +39,7 @@ impl Pose {
     /// Turned by a small rotation vector in space, and shifted.
     #[must_use]
     pub fn moved(&self, turn_rad: Vector3<f64>, shift_mm: Vector3<f64>) -> Self {
-        Self {
-            rotation: Rotation3::new(turn_rad) * self.rotation,
-            translation_mm: self.translation_mm + shift_mm,
-        }
+        Self { rotation: Rotation3::new(turn_rad) * self.rotation, translation_mm: self.translation_mm + shift_mm }
     }
 
     /// The pose that explains roughly known positions: the plane through their distances, and the turn within it.

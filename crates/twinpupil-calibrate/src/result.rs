@@ -220,10 +220,8 @@ fn numbers(
             let correlation = |other: usize| covariance[(k, other)] / (std * covariance[(other, other)].sqrt());
             let others = (0..unknowns.len()).filter(|other| *other != k);
             let strongest = others.max_by(|a, b| correlation(*a).abs().total_cmp(&correlation(*b).abs()));
-            strongest.map(|other| LeftOpen::Tied {
-                with: key(unknowns[other].quantity),
-                correlation: correlation(other),
-            })
+            strongest
+                .map(|other| LeftOpen::Tied { with: key(unknowns[other].quantity), correlation: correlation(other) })
         };
         Number {
             quantity: unknown.quantity,
@@ -286,7 +284,8 @@ fn held_out(
         errors_mm.extend(depth_errors_mm(calibrator, &posed, &own));
     }
     let within_mm = depth_errors_mm(calibrator, now, observations);
-    let rms = |values: &[f64]| (values.iter().map(|value| value * value).sum::<f64>() / values.len().max(1) as f64).sqrt();
+    let rms =
+        |values: &[f64]| (values.iter().map(|value| value * value).sum::<f64>() / values.len().max(1) as f64).sqrt();
     Ok(Some(HeldOut { z_rms_mm: rms(&errors_mm), z_rms_within_mm: rms(&within_mm), dots: errors_mm.len() }))
 }
 
@@ -312,8 +311,7 @@ fn depth_errors_mm(calibrator: &Calibrator<'_>, now: &Now, observations: &[Obser
             to_dot.fixed_columns_mut::<3>(0).copy_from(&gradient.fixed_columns::<3>(CAMERA_SLOTS + 3));
             to_dot.set_column(3, &gradient.column(Slot::Diameter as usize));
             information += to_dot.transpose() * observation.information * to_dot;
-            score += to_dot.transpose()
-                * (observation.score - observation.information * (image - observation.anchor));
+            score += to_dot.transpose() * (observation.score - observation.information * (image - observation.anchor));
         }
         if let Some(factor) = information.cholesky() {
             let step: Vector3<f64> = factor.solve(&score).fixed_rows::<3>(0).into_owned();

@@ -247,7 +247,8 @@ fn wrong(target: &Target, lattice: &Lattice, spots: &[Spot], placement: &Placeme
 
 /// Whether a dot is as large, relative to the typical one, as the target's larger dots.
 fn is_larger(target: &Target, seen: f64) -> bool {
-    let larger_mm = target.spec().fiducials.iter().filter_map(|fiducial| fiducial.diameter_mm).fold(f64::INFINITY, f64::min);
+    let larger_mm =
+        target.spec().fiducials.iter().filter_map(|fiducial| fiducial.diameter_mm).fold(f64::INFINITY, f64::min);
     seen > 0.5 * (1.0 + larger_mm / target.spec().dot_diameter_mm)
 }
 
@@ -373,10 +374,11 @@ mod tests {
         assert!(matches!(of(&marked, seen(&plain, 0.1, 90.0, 1.0)), SightingError::Unlike { wrong: 1, .. }));
         assert!(matches!(of(&plain, Vec::new()), SightingError::NoTarget { features: 0, .. }));
         let mut two = seen(&plain, 0.1, 40.0, 1.0);
-        two.extend(seen(&plain, 0.3, 40.0, 1.0).into_iter().map(|spot| Spot {
-            centre_px: [spot.centre_px[0] + 700.0, spot.centre_px[1]],
-            ..spot
-        }));
+        two.extend(
+            seen(&plain, 0.3, 40.0, 1.0)
+                .into_iter()
+                .map(|spot| Spot { centre_px: [spot.centre_px[0] + 700.0, spot.centre_px[1]], ..spot }),
+        );
         assert!(matches!(of(&plain, two), SightingError::TwoTargets { .. }));
         let spec = TargetSpec { rows: 4, ..plain.spec().clone() };
         let smaller = Target::new(spec).unwrap();

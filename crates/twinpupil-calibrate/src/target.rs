@@ -185,7 +185,8 @@ mod tests {
 
     #[test]
     fn a_grid_is_centred_and_leaves_out_what_is_missing() {
-        let text = format!("{GRID}[[fiducial]]\nrow = 0\ncolumn = 1\n[[fiducial]]\nrow = 2\ncolumn = 4\ndiameter_mm = 1.5");
+        let text =
+            format!("{GRID}[[fiducial]]\nrow = 0\ncolumn = 1\n[[fiducial]]\nrow = 2\ncolumn = 4\ndiameter_mm = 1.5");
         let target = Target::from_toml(&text).unwrap();
         assert_eq!(target.dots().len(), 14);
         assert_eq!(target.dot_at(0, 1), None);

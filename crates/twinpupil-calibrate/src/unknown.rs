@@ -145,9 +145,8 @@ fn feeds(quantity: Quantity, instrument: &Instrument) -> Vec<Feed> {
         Parameter::ApertureCentre(index, _) => through(index, Slot::PupilY),
         Parameter::ZoneRadius(index, zone) => {
             let radius_mm = instrument.apertures[index].zones[zone].radius_mm;
-            let is_rim = |feed: &Feed| {
-                Some(instrument.projection(&instrument.bands[feed.band]).pupil_radius_mm) == radius_mm
-            };
+            let is_rim =
+                |feed: &Feed| Some(instrument.projection(&instrument.bands[feed.band]).pupil_radius_mm) == radius_mm;
             through(index, Slot::PupilRadius).into_iter().filter(is_rim).collect()
         }
         Parameter::Tilt(axis) => {
@@ -192,9 +191,8 @@ mod tests {
             let choices = Choices { prior_std: BTreeMap::from([(key.to_owned(), std)]) };
             choices.unknowns(&instrument)
         };
-        let has = |unknowns: &[Unknown], key: &str| {
-            unknowns.iter().any(|unknown| unknown.quantity.key(&instrument) == key)
-        };
+        let has =
+            |unknowns: &[Unknown], key: &str| unknowns.iter().any(|unknown| unknown.quantity.key(&instrument) == key);
         assert!(!has(&seeks("sensor.distance_mm", 0.0).unwrap(), "sensor.distance_mm"));
         assert!(has(&seeks("aperture[0].position_mm", 0.1).unwrap(), "aperture[0].position_mm"));
         assert!(!has(&Choices::default().unknowns(&instrument).unwrap(), "aperture[0].position_mm"));

@@ -8,8 +8,8 @@ use thiserror::Error;
 
 use crate::check::{self, SyntaxError, ValueError, within};
 use crate::{
-    Aperture, Band, CrosstalkSpec, CubePlane, FrameError, FrameView, Lens, Mosaic, Page, PixelPoint, PlaneView,
-    Projection, ResponseMatrix, Role, Sensor, Site, SpectraSpec,
+    Aperture, Band, CalibrationSpec, CrosstalkSpec, CubePlane, FrameError, FrameView, Lens, Mosaic, Page, PixelPoint,
+    PlaneView, Projection, ResponseMatrix, Role, Sensor, Site, SpectraSpec,
 };
 
 /// An instrument file that is not legal.
@@ -50,6 +50,9 @@ pub struct InstrumentSpec {
     /// Crosstalk between the bands, where it is known as such.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub crosstalk: Option<CrosstalkSpec>,
+    /// How the numbers were determined, and how well.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub calibration: Option<CalibrationSpec>,
 }
 
 /// `[depth_range]`: the distances between which objects may be.
@@ -98,6 +101,9 @@ impl Instrument {
         let instrument = Self { spec };
         for (index, band) in instrument.bands.iter().enumerate() {
             instrument.page(band).check(&instrument.sensor, index)?;
+        }
+        if let Some(calibration) = &instrument.spec.calibration {
+            calibration.check(&instrument)?;
         }
         Ok(instrument)
     }

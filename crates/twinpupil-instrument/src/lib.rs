@@ -9,6 +9,7 @@
 mod aperture;
 mod band;
 pub mod builtin;
+mod calibration;
 pub mod check;
 mod crosstalk;
 mod cube;
@@ -30,6 +31,7 @@ mod spectra;
 
 pub use aperture::{Annulus, Aperture, Zone};
 pub use band::{Band, Role};
+pub use calibration::{CalibrationFrame, CalibrationSpec};
 pub use crosstalk::CrosstalkSpec;
 pub use cube::CubePlane;
 pub use distortion::Distortion;

@@ -10,6 +10,7 @@
 
 mod assignment;
 mod background;
+mod calibrated;
 mod cells;
 mod centroid;
 mod contrast;

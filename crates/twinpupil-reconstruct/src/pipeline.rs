@@ -6,10 +6,12 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use smallvec::SmallVec;
 use thiserror::Error;
 use twinpupil_instrument::{
-    Band, Frame, FrameError, FrameView, Instrument, PixelPoint, PlaneView, Projection, ResponseMatrix, ResponseTable, Role,
+    Band, Frame, FrameError, FrameView, Instrument, PixelPoint, PlaneView, Projection, ResponseMatrix, ResponseTable,
+    Role,
 };
 
 use crate::background::Polarity;
+use crate::calibrated::Calibrated;
 use crate::detect::{DetectOptions, Detection, Detector, Estimator, Feature};
 use crate::further::{FurtherImage, Group, match_predicted};
 use crate::likelihood::known::{KnownDot, SpotScore};
@@ -235,6 +237,7 @@ pub struct Reconstructor {
     /// In the order of the model's bands.
     shadings: Vec<OnceLock<Shading>>,
     crosstalk: Option<Crosstalk>,
+    calibrated: OnceLock<Option<Calibrated>>,
     reading: Reading,
     /// Of those who share it.
     spare: Arc<Mutex<Vec<Reading>>>,
@@ -255,6 +258,7 @@ impl Reconstructor {
             options,
             shadings,
             crosstalk: None,
+            calibrated: OnceLock::new(),
             reading: Reading::default(),
             spare: Arc::default(),
         }
@@ -295,6 +299,12 @@ impl Reconstructor {
         self.forward.projections()
     }
 
+    /// What the uncertainty of the instrument's own numbers does to a point there, mm²: apart from the noise of its pixels,
+    /// and alike for all points nearby. `None` where the instrument was not calibrated, or does not see the point.
+    pub fn calibration_covariance_mm2(&self, position_mm: [f64; 3]) -> Option<[[f64; 3]; 3]> {
+        self.calibrated.get_or_init(|| Calibrated::of(&self.instrument)).as_ref()?.covariance_mm2(position_mm)
+    }
+
     /// The instrument that frames are read with.
     pub fn instrument(&self) -> &Instrument {
         &self.instrument
@@ -302,11 +312,7 @@ impl Reconstructor {
 
     /// What the pixels of a frame say of dots whose places are given, for each in every band of the instrument; `None`
     /// where a band does not show the dot or does not tell.
-    pub fn scores(
-        &self,
-        frame: &Frame,
-        dots: &[KnownDot],
-    ) -> Result<Vec<Vec<Option<SpotScore>>>, ReconstructError> {
+    pub fn scores(&self, frame: &Frame, dots: &[KnownDot]) -> Result<Vec<Vec<Option<SpotScore>>>, ReconstructError> {
         let frame = FrameView::from(frame);
         self.check_size(frame)?;
         let planes = self.planes(frame)?;

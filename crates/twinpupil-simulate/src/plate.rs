@@ -278,13 +278,8 @@ mod tests {
     use super::*;
 
     fn grid(tilt_deg: f64, tilt_axis: TiltAxis) -> Plate {
-        let pattern = Pattern::Grid(DotGrid {
-            rows: 2,
-            columns: 3,
-            pitch_mm: 2.0,
-            diameter_mm: 1.0,
-            ..DotGrid::default()
-        });
+        let pattern =
+            Pattern::Grid(DotGrid { rows: 2, columns: 3, pitch_mm: 2.0, diameter_mm: 1.0, ..DotGrid::default() });
         Plate { distance_mm: 300.0, tilt_deg, tilt_axis, pattern }
     }
 
