@@ -1,7 +1,8 @@
 //! What the masks leave of an evenly bright ground: a dark spot about the axis, known from the optics.
 
-use twinpupil_instrument::{Instrument, PixelPoint, PlaneView, ResponseTable};
+use twinpupil_instrument::{PixelPoint, PlaneView, ResponseTable};
 
+use crate::register::Register;
 use crate::surface::Sample;
 
 /// Share of the ground's light in every pixel of a plane, row by row.
@@ -16,18 +17,14 @@ const SHARE_MIN: f32 = 0.5;
 
 impl Shading {
     /// The shading of a band's plane, whose values stand in the table at the index that the band has in the instrument.
-    pub(crate) fn of(table: &ResponseTable, band: usize, instrument: &Instrument, plane: &PlaneView<'_>) -> Self {
+    pub(crate) fn of(table: &ResponseTable, band: usize, register: &Register, plane: &PlaneView<'_>) -> Self {
         let clear_mm = table.ground_clear_mm(band);
-        let registration = instrument.bands[band].registration;
         let mut shares = vec![1.0; plane.columns * plane.rows];
         for (row, line) in shares.chunks_exact_mut(plane.columns).enumerate() {
             let v = plane.frame_v_px(row as f64);
-            let at = |column: usize| {
-                let own = PixelPoint { u: plane.frame_u_px(column as f64), v };
-                instrument.sensor.image_from_pixel(registration.map(own))
-            };
-            // Rows of the reference frame run along x; those of another sensor may not.
-            if registration.is_identity() && at(0).y_mm.abs() > clear_mm {
+            let at = |column: usize| register.page().to_image(PixelPoint { u: plane.frame_u_px(column as f64), v });
+            // Rows of the reference frame run along x; those of another page may not.
+            if register.is_identity() && at(0).y_mm.abs() > clear_mm {
                 continue;
             }
             for (column, share) in line.iter_mut().enumerate() {

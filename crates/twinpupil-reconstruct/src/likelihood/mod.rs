@@ -9,6 +9,7 @@ mod cut;
 mod full;
 mod illumination;
 pub(crate) mod joint;
+mod laid;
 mod light;
 mod neighbours;
 mod normal;
