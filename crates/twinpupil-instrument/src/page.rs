@@ -157,7 +157,7 @@ impl Page {
     }
 
     /// Whether equal steps on the image plane are equal steps on the page.
-    fn is_affine(&self) -> bool {
+    pub fn is_affine(&self) -> bool {
         let [g, h, _] = self.px_from_plane.rows[2];
         !self.is_distorted && [g, h] == [0.0; 2]
     }
@@ -179,8 +179,8 @@ impl Page {
         [0, 1].map(|j| lens[j] + projected[0] * slope[0][j] + projected[1] * slope[1][j])
     }
 
-    /// Second derivatives of the place on the page, px/mm².
-    fn second_derivatives(&self, image: ImagePoint) -> [[f64; 3]; 2] {
+    /// Second derivatives of the place on the page by the ideal image point: by x twice, by x and y, by y twice, px/mm².
+    pub fn second_derivatives(&self, image: ImagePoint) -> [[f64; 3]; 2] {
         let ideal = [image.x_mm, image.y_mm];
         let plane = self.distorted(ideal);
         let projected = self.px_from_plane.second_derivatives(plane);

@@ -3,18 +3,50 @@
 use nalgebra::Matrix2 as Square;
 use twinpupil_instrument::{ImagePoint, Page};
 
+use crate::likelihood::light::Places;
 use crate::likelihood::pencil::{Pencil, Vector2};
 use crate::likelihood::spot::{Matrix2, Spot, SpotJacobian, inverse};
 
-/// Share of the square of the blur by which the edge of a dot is felt farther out, or nearer, than its outline: the
-/// mean of t² over the steepness squared, b² − t², of an edge that is blurred over −b < t < b.
-const BLUR_SPREAD: f64 = 0.2;
+/// How places on a bent page differ from those on one that goes on as it is at a spot: second-order terms in the distance
+/// from the spot's centre along u and v, 1/px.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Bend {
+    /// Of u and of v: along u twice, along both, along v twice.
+    terms: [[f32; 3]; 2],
+}
+
+impl Bend {
+    /// ½ ∂ⱼ∂ₖF, seen from the page through the inverse of the slope J.
+    fn of(page: &Page, image: ImagePoint, slope: Matrix2) -> Option<Self> {
+        if page.is_affine() {
+            return None;
+        }
+        let [[a, b], [c, d]] = slope;
+        let per_area = 1.0 / (a * d - b * c);
+        let (along_u, along_v) = ([d * per_area, -c * per_area], [-b * per_area, a * per_area]);
+        let terms = page.second_derivatives(image).map(|[xx, xy, yy]| {
+            let form = |[p, q]: Vector2, [r, s]: Vector2| xx * p * r + xy * (p * s + q * r) + yy * q * s;
+            [0.5 * form(along_u, along_u), form(along_u, along_v), 0.5 * form(along_v, along_v)].map(|term| term as f32)
+        });
+        Some(Self { terms })
+    }
+
+    /// Places as far from the centre as they would be if the page went on as it is there.
+    fn straighten(&self, places: &Places, straight: &mut Places) {
+        straight.clear();
+        let [[au, bu, cu], [av, bv, cv]] = self.terms;
+        for (du, dv) in places.du.iter().zip(&places.dv) {
+            let (uu, uv, vv) = (du * du, du * dv, dv * dv);
+            straight.push(du - au * uu - bu * uv - cu * vv, dv - av * uu - bv * uv - cv * vv);
+        }
+    }
+}
 
 impl Spot {
     /// Lays a spot on `page` that was made for pixels across the axis; `jacobian` are its changes.
     ///
-    /// The page is taken as linear about the spot, by its slope J, but for where the middle of a bent image lies. The
-    /// outline goes through J; the blur, and with it the coordinates of the pupil, through the similarity that is nearest
+    /// The page is taken as linear about the spot, by its slope J, once places have been straightened. The outline goes
+    /// through J; the blur, and with it the coordinates of the pupil, through the similarity that is nearest
     /// to J, so blur stays round where the page is stretched one way: what that does is even about the centre and moves
     /// nothing.
     ///
@@ -29,9 +61,9 @@ impl Spot {
         // From pixels across the axis to those of the page.
         let scale = px_per_mm * pitch_mm;
         let drift_mm = page.drift(image) * pencil.projection.pupil_radius_mm;
-        let middle = page.to_page(image);
-        let [du, dv] = page.bend_px(image, self.spread_mm2());
-        self.centre_px = [middle.u + du, middle.v + dv];
+        let centre = page.to_page(image);
+        self.centre_px = [centre.u, centre.v];
+        self.bend = Bend::of(page, image, slope);
         self.radius_px *= scale;
         self.blur_px = (self.blur_px + drift_mm / pitch_mm) * scale;
         self.blur_growth_px *= scale;
@@ -49,18 +81,21 @@ impl Spot {
             edge.per_image *= stretch;
             edge.radius *= stretch.abs();
         }
-        let centre = Square::new(slope[0][0], slope[0][1], slope[1][0], slope[1][1]) * pitch_mm;
-        let moved = centre * jacobian.fixed_rows::<2>(0);
+        let turned = Square::new(slope[0][0], slope[0][1], slope[1][0], slope[1][1]) * pitch_mm;
+        let moved = turned * jacobian.fixed_rows::<2>(0);
         jacobian.fixed_rows_mut::<2>(0).copy_from(&moved);
         jacobian.fixed_rows_mut::<2>(2).scale_mut(scale);
     }
 
-    /// [`Page::bend_px`]'s spread of the edge of a spot on pixels across the axis.
-    fn spread_mm2(&self) -> [f64; 3] {
-        let square_mm2 = (self.radius_px * self.pitch_mm).powi(2);
-        let blur_mm2 = BLUR_SPREAD * (self.blur_px * self.pitch_mm).powi(2);
-        let [[a, b], [c, d]] = self.shape;
-        [square_mm2 * (a * a + b * b) + blur_mm2, square_mm2 * (a * c + b * d), square_mm2 * (c * c + d * d) + blur_mm2]
+    /// Places about the spot as the kernels want them: on a page that does not bend.
+    pub(crate) fn straightened<'p>(&self, places: &'p Places, straight: &'p mut Places) -> &'p Places {
+        match &self.bend {
+            Some(bend) => {
+                bend.straighten(places, straight);
+                straight
+            }
+            None => places,
+        }
     }
 }
 

@@ -26,6 +26,8 @@ pub(crate) struct Light {
     /// Share of the pupil that is open.
     pub(crate) open: Vec<f32>,
     pub(crate) meetings: Meetings,
+    /// Places on a page that bends, straightened.
+    straight: Places,
 }
 
 /// Below this blur the pixel's square shapes the edge.
@@ -81,6 +83,8 @@ impl Light {
     pub(crate) fn fill(&mut self, spot: &Spot, places: &Places) {
         self.resize(places.len());
         self.open.fill(1.0);
+        let mut straight = std::mem::take(&mut self.straight);
+        let places = spot.straightened(places, &mut straight);
         let local = Local::of(spot);
         if spot.blur_px_max() < SHARP_PX {
             sharp(&local, f32::INFINITY, places, self);
@@ -98,6 +102,7 @@ impl Light {
         if spot.is_clipped() {
             cut(spot, &local, places, self);
         }
+        self.straight = straight;
     }
 }
 

@@ -1,5 +1,6 @@
 //! One dot as one band images it, in pixels of a plane's page.
 
+use crate::likelihood::laid::Bend;
 use crate::likelihood::pencil::{Pencil, Vector2, Ways};
 
 /// A flat round dot in space.
@@ -32,6 +33,8 @@ pub(crate) struct Spot {
     /// Position on the page of the optical axis, px, and width of a pixel, mm, as they are seen from the spot.
     pub(crate) axis_px: Vector2,
     pub(crate) pitch_mm: f64,
+    /// How its page bends about its centre, if it does.
+    pub(crate) bend: Option<Bend>,
 }
 
 /// Rows of a 2×2 matrix.
@@ -97,6 +100,7 @@ impl Spot {
             ways: Ways::new(),
             axis_px: raster.axis_px,
             pitch_mm: raster.pitch_mm,
+            bend: None,
         };
         spot.ways = pencil.ways_at(spot.image_mm(centre_px), spot.reach_px() * raster.pitch_mm);
         // What the lens adds changes too little across a step to count.
