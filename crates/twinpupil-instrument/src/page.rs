@@ -295,9 +295,13 @@ impl Tilt {
     fn of(sensor: &Sensor, projection: &Projection) -> Self {
         let Projection { focal_length_mm: f, sensor_distance_mm: l, pupil_position_mm: d, pupil_centre_mm, .. } =
             *projection;
+        let slope = sensor.slope();
+        if slope == [0.0; 2] {
+            return Self { slope, per_pupil: 0.0, sideways: [0.0; 2], approach: 0.0 };
+        }
         let alpha = if d >= 0.0 { 1.0 - d / l } else { 1.0 - d * (1.0 / l - 1.0 / f) };
         Self {
-            slope: sensor.slope(),
+            slope,
             per_pupil: 1.0 / (alpha * l),
             sideways: pupil_centre_mm.map(|centre| centre / (alpha * l)),
             approach: (1.0 + d / (alpha * l)) / l,
