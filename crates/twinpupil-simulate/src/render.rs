@@ -50,8 +50,9 @@ pub(crate) struct BandView<'a> {
     pub(crate) optics: &'a BandOptics,
     projection: Projection,
     surface: Surface,
-    /// Mean width of a pixel, mm.
+    /// Mean width of a pixel, mm, and the unit vector along the rows of pixels.
     pitch_mm: f64,
+    along_rows: [f64; 2],
     pupil_samples: usize,
     /// In the order of the scene's dots.
     pub(crate) discs: Vec<Disc>,
@@ -115,11 +116,14 @@ impl<'a> Renderer<'a> {
     ) -> Self {
         let sensor = &instrument.sensor;
         let [u, v] = sensor.size_px.map(|size| 0.5 * (size as f64 - 1.0));
-        let pitch_mm = sensor.pitch_mm * registration.area_px2(PixelPoint { u, v }).sqrt();
+        let middle = PixelPoint { u, v };
+        let pitch_mm = sensor.pitch_mm * registration.area_px2(middle).sqrt();
+        let [[x, _], [y, _]] = registration.jacobian(middle);
+        let along_rows = [x / x.hypot(y), y / x.hypot(y)];
         let view = |(band, optics): (&Band, &'a BandOptics)| {
             let projection = instrument.projection(band);
             let surface = Surface::new(sensor, band, registration, &projection, optics.focal_length_mm());
-            BandView::new(optics, projection, surface, pitch_mm, scene, pupil_samples)
+            BandView::new(optics, projection, surface, (pitch_mm, along_rows), scene, pupil_samples)
         };
         Self {
             scene,
@@ -408,7 +412,7 @@ impl<'a> BandView<'a> {
         optics: &'a BandOptics,
         projection: Projection,
         surface: Surface,
-        pitch_mm: f64,
+        (pitch_mm, along_rows): (f64, [f64; 2]),
         scene: &Scene,
         pupil_samples: usize,
     ) -> Self {
@@ -417,6 +421,7 @@ impl<'a> BandView<'a> {
             projection,
             surface,
             pitch_mm,
+            along_rows,
             pupil_samples,
             discs: Vec::new(),
             fine_discs: Vec::new(),
@@ -437,7 +442,7 @@ impl<'a> BandView<'a> {
             .pixel_mm(z_mm)
             .hypot(blur_mm * pupil_cell((fineness * self.pupil_samples).min(PUPIL_SAMPLES_MAX)))
             .max(SHADOW_MM_MIN);
-        Disc::new(dot, shadow_mm.min(SHADOW_MM_MAX))
+        Disc::new(dot, shadow_mm.min(SHADOW_MM_MAX)).turned(self.along_rows)
     }
 
     /// Width in object space at distance z of a pixel, seen from one pupil point, mm.
