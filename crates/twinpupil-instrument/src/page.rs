@@ -461,11 +461,12 @@ mod tests {
             let expected = [dot(from_axis(met), e_u), dot(from_axis(met), e_v)].map(|along_mm| along_mm / 0.00586);
             prop_assert!((found.u - 959.5 - expected[0]).abs() < 1e-7, "{found:?} {expected:?}");
             prop_assert!((found.v - 599.5 - expected[1]).abs() < 1e-7, "{found:?} {expected:?}");
-            prop_assert!((page.distance_mm(ImagePoint { x_mm, y_mm }) - met[2]).abs() < 1e-9);
+            let image = ImagePoint { x_mm, y_mm };
+            prop_assert!((page.distance_mm(image) - met[2]).abs() < 1e-9);
             // The ray to the same place of the sensor from 0.1 mm beside the pupil's centre.
             let beside = [pupil[0] - 0.1, pupil[1], pupil[2]];
             let crossed_mm = beside[0] + (met[0] - beside[0]) * (151.0 - 100.0) / (met[2] - 100.0);
-            prop_assert!((page.drift(ImagePoint { x_mm, y_mm }) - (crossed_mm - x_mm) / 0.1).abs() < 1e-9);
+            prop_assert!((page.drift(image) - (crossed_mm - x_mm) / 0.1).abs() < 1e-9);
         }
     }
 

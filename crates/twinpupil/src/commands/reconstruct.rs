@@ -8,7 +8,6 @@ use anyhow::{Context, Result, bail};
 use clap::ValueEnum;
 use rayon::prelude::*;
 use serde::Serialize;
-use twinpupil_instrument::Instrument;
 use twinpupil_instrument::{Band, Frame, Role};
 use twinpupil_reconstruct::{DetectOptions, Mode, NoiseSource, Options, Reconstruction, Reconstructor};
 
