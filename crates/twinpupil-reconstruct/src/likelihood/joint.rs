@@ -1,7 +1,7 @@
 //! All dots of a frame at once: each explains the light that the others leave, and all move together, until none moves.
 
 use nalgebra::Vector6;
-use twinpupil_instrument::PlaneView;
+use twinpupil_instrument::{Page, PlaneView};
 
 use crate::likelihood::black::Black;
 use crate::likelihood::body::{BandLight, Body};
@@ -13,14 +13,16 @@ use crate::likelihood::neighbours::{Circle, Neighbours};
 use crate::likelihood::normal::Normal;
 use crate::likelihood::pencil::Pencil;
 use crate::likelihood::samples::{Rings, Samples};
-use crate::likelihood::spot::{Dot, Page, Spot, SpotJacobian};
+use crate::likelihood::spot::{Dot, Raster, Spot, SpotJacobian};
 use crate::likelihood::weigh::{Judge, Levels, Weights};
 
 /// One band of a frame and how it images.
 pub(crate) struct BandView<'a> {
     pub(crate) plane: PlaneView<'a>,
     pub(crate) black: &'a Black,
-    pub(crate) page: Page,
+    pub(crate) raster: Raster,
+    /// What its page is, unless it is that raster.
+    pub(crate) page: Option<&'a Page>,
     pub(crate) pencil: &'a Pencil,
     /// What the lens adds to the radius of an image, over (r, z), mm.
     pub(crate) aberration_mm: &'a (dyn Fn(f64, f64) -> f64 + Sync),
@@ -61,7 +63,11 @@ impl BandView<'_> {
     pub(crate) fn spot(&self, dot: &Dot) -> (Spot, SpotJacobian) {
         let [x_mm, y_mm, z_mm] = dot.centre_mm;
         let aberration_mm = (self.aberration_mm)((x_mm * x_mm + y_mm * y_mm).sqrt(), z_mm);
-        Spot::with_jacobian(dot, self.pencil, self.page, aberration_mm)
+        let (mut spot, mut jacobian) = Spot::with_jacobian(dot, self.pencil, self.raster, aberration_mm);
+        if let Some(page) = self.page {
+            spot.lay_on(page, self.pencil, &mut jacobian);
+        }
+        (spot, jacobian)
     }
 
     pub(crate) fn window_px(&self, spot: &Spot) -> f64 {

@@ -26,6 +26,8 @@ pub(crate) struct Light {
     /// Share of the pupil that is open.
     pub(crate) open: Vec<f32>,
     pub(crate) meetings: Meetings,
+    /// Places on a page that bends, straightened.
+    straight: Places,
 }
 
 /// Below this blur the pixel's square shapes the edge.
@@ -81,6 +83,8 @@ impl Light {
     pub(crate) fn fill(&mut self, spot: &Spot, places: &Places) {
         self.resize(places.len());
         self.open.fill(1.0);
+        let mut straight = std::mem::take(&mut self.straight);
+        let places = spot.straightened(places, &mut straight);
         let local = Local::of(spot);
         if spot.blur_px_max() < SHARP_PX {
             sharp(&local, f32::INFINITY, places, self);
@@ -98,6 +102,7 @@ impl Light {
         if spot.is_clipped() {
             cut(spot, &local, places, self);
         }
+        self.straight = straight;
     }
 }
 
@@ -210,7 +215,7 @@ mod tests {
 
     use super::*;
     use crate::likelihood::pencil::Pencil;
-    use crate::likelihood::spot::{Dot, Page};
+    use crate::likelihood::spot::{Dot, Raster};
 
     const F_MM: f64 = 100.0;
     const L_MM: f64 = 151.0;
@@ -357,7 +362,7 @@ mod tests {
         use nalgebra::{Matrix6, Vector6};
         let instrument = paper::instrument();
         let pencil = Pencil::of_band(&instrument, &instrument.bands[band], F_MM);
-        let spot = Spot::of(dot, &pencil, Page { axis_px: AXIS_PX, pitch_mm: PITCH_MM }, 0.0);
+        let spot = Spot::of(dot, &pencil, Raster { axis_px: AXIS_PX, pitch_mm: PITCH_MM }, 0.0);
         let exact = Exact { dot, band, blur_px: spot.blur_px_min(), is_clipped: spot.is_clipped() };
         let reach = spot.reach_px().ceil() + 3.0;
         let (mut information, mut score) = (Matrix6::zeros(), Vector6::zeros());

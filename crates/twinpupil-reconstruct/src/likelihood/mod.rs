@@ -10,6 +10,7 @@ mod full;
 mod illumination;
 pub(crate) mod joint;
 pub(crate) mod known;
+mod laid;
 mod light;
 mod neighbours;
 mod normal;
