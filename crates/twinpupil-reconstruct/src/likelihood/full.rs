@@ -93,6 +93,9 @@ impl Full {
 
     /// Adds a row.
     pub(crate) fn add(&mut self, row: &FullRow<'_>) {
+        if row.count == 0 {
+            return;
+        }
         let RowSums { code, code_index, code2, lowest, highest } = row_sums(row, self.level as f32);
         let n = row.count as f64;
         let step = row.step as f64;

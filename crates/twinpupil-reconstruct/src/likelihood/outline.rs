@@ -1,0 +1,87 @@
+//! The outline of a spot, and how far from it its edge is felt.
+
+use crate::likelihood::spot::{Matrix2, PIXEL_REACH_PX, Spot};
+
+/// An ellipse about a spot's outline: pixels well within it see nothing but the dot, those well beyond it none of it.
+///
+/// The outline is the image of the unit circle under A. A pencil's disc that reaches ρ px from a pixel at p reaches
+/// `ρ/a` from `A⁻¹ p` at most, with the shorter half axis a; so `1 ∓ ρ/a` are sizes of the outline between which all
+/// pixels lie that feel its edge.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Outline {
+    pub(crate) centre_px: [f64; 2],
+    /// A, px, and its inverse.
+    axes_px: Matrix2,
+    per_px: Matrix2,
+    shorter_px: f64,
+    reach_px: f64,
+}
+
+/// One of the two sizes between which the edge is felt.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Side {
+    Inner,
+    Outer,
+}
+
+impl Outline {
+    /// Of a spot, none of whose ways through the masks matters.
+    pub(crate) fn of(spot: &Spot) -> Self {
+        let [skew_u, skew_v] = spot.skew;
+        let [[a, b], [c, d]] = spot.inverse;
+        let scale = |matrix: Matrix2, by: f64| matrix.map(|row| row.map(|value| by * value));
+        // The longer half axis of the inverse is one over the shorter of the outline.
+        let (squares, product) = (a * a + b * b + c * c + d * d, (a * d - b * c).abs());
+        let steepest = 0.5 * ((squares + 2.0 * product).sqrt() + (squares - 2.0 * product).max(0.0).sqrt());
+        Self {
+            centre_px: spot.centre_px,
+            axes_px: scale(spot.shape, spot.radius_px),
+            per_px: scale(spot.inverse, 1.0 / spot.radius_px),
+            shorter_px: spot.radius_px / steepest.max(1e-12),
+            reach_px: spot.blur_px_max() * (1.0 + skew_u.hypot(skew_v)) + PIXEL_REACH_PX,
+        }
+    }
+
+    /// The same with an edge that is felt farther.
+    pub(crate) fn widened(self, by_px: f64) -> Self {
+        Self { reach_px: self.reach_px + by_px, ..self }
+    }
+
+    /// Size at a side of the edge, in units of the outline; 0 where nothing lies within.
+    fn size(&self, side: Side) -> f64 {
+        match side {
+            Side::Inner => (1.0 - self.reach_px / self.shorter_px).max(0.0),
+            Side::Outer => 1.0 + self.reach_px / self.shorter_px,
+        }
+    }
+
+    /// Where the row that passes `dv_px` below the centre crosses a side of the edge, px from the centre.
+    pub(crate) fn crossings_px(&self, side: Side, dv_px: f64) -> Option<[f64; 2]> {
+        let [[a, b], [c, d]] = self.per_px;
+        let size = self.size(side);
+        let (square, half) = (a * a + c * c, (a * b + c * d) * dv_px);
+        let apart = half * half - square * ((b * b + d * d) * dv_px * dv_px - size * size);
+        (apart > 0.0 && size > 0.0).then(|| [-1.0, 1.0].map(|sign| (sign * apart.sqrt() - half) / square))
+    }
+
+    /// Whether every pixel that feels the edge of `later` lies where the edge of this one is felt.
+    ///
+    /// Seen from the unit disc of `later`, this one's is `B e + m`, `B = A′⁻¹A`, whose points lie no farther out than the
+    /// longer half axis of B and the length of m allow, and no nearer than the shorter one does.
+    pub(crate) fn holds(&self, later: &Self) -> bool {
+        let [[a, b], [c, d]] = product(&later.per_px, &self.axes_px);
+        let moved = [0, 1].map(|axis| self.centre_px[axis] - later.centre_px[axis]);
+        let moved = later.per_px.map(|[x, y]| x * moved[0] + y * moved[1]);
+        let moved = moved[0].hypot(moved[1]);
+        let (squares, area) = (a * a + b * b + c * c + d * d, (a * d - b * c).abs());
+        let (sum, difference) = ((squares + 2.0 * area).sqrt(), (squares - 2.0 * area).max(0.0).sqrt());
+        let (longer, shorter) = (0.5 * (sum + difference), 0.5 * (sum - difference));
+        let inner = self.size(Side::Inner);
+        let is_full = inner == 0.0 || inner * longer + moved <= later.size(Side::Inner);
+        is_full && self.size(Side::Outer) * shorter - moved >= later.size(Side::Outer)
+    }
+}
+
+fn product(m: &Matrix2, n: &Matrix2) -> Matrix2 {
+    m.map(|[x, y]| [x * n[0][0] + y * n[1][0], x * n[0][1] + y * n[1][1]])
+}
