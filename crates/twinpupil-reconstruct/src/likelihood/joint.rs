@@ -246,7 +246,8 @@ impl Joint<'_> {
         let near_lights = || {
             neighbours.of(index * bands.len() + band).iter().filter_map(|neighbour| {
                 let other = *neighbour as usize / bands.len();
-                Some((other, bodies[other].bands[band].as_ref()?))
+                let near = bodies[other].bands[band].as_ref()?;
+                window.is_reached(&near.spot).then_some((other, near))
             })
         };
         others.clear();

@@ -24,6 +24,14 @@ pub(crate) enum Side {
     Outer,
 }
 
+/// A side of the edge as rows cross it: at v below the centre it lies about `−lean v`, `√(size² − narrowing v²)` wide.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Curve {
+    lean: f64,
+    size2: f64,
+    narrowing: f64,
+}
+
 impl Outline {
     /// Of a spot, none of whose ways through the masks matters.
     pub(crate) fn of(spot: &Spot) -> Self {
@@ -55,13 +63,13 @@ impl Outline {
         }
     }
 
-    /// Where the row that passes `dv_px` below the centre crosses a side of the edge, px from the centre.
-    pub(crate) fn crossings_px(&self, side: Side, dv_px: f64) -> Option<[f64; 2]> {
+    /// A side of the edge, ready to be crossed by rows.
+    pub(crate) fn curve(&self, side: Side) -> Curve {
         let [[a, b], [c, d]] = self.per_px;
         let size = self.size(side);
-        let (square, half) = (a * a + c * c, (a * b + c * d) * dv_px);
-        let apart = half * half - square * ((b * b + d * d) * dv_px * dv_px - size * size);
-        (apart > 0.0 && size > 0.0).then(|| [-1.0, 1.0].map(|sign| (sign * apart.sqrt() - half) / square))
+        let per_square = 1.0 / (a * a + c * c);
+        let lean = (a * b + c * d) * per_square;
+        Curve { lean, size2: size * size * per_square, narrowing: (b * b + d * d) * per_square - lean * lean }
     }
 
     /// Whether every pixel that feels the edge of `later` lies where the edge of this one is felt.
@@ -79,6 +87,15 @@ impl Outline {
         let inner = self.size(Side::Inner);
         let is_full = inner == 0.0 || inner * longer + moved <= later.size(Side::Inner);
         is_full && self.size(Side::Outer) * shorter - moved >= later.size(Side::Outer)
+    }
+}
+
+impl Curve {
+    /// Where a row crosses it, px from the centre; nothing lies between the two places of a row that does not.
+    #[inline(always)]
+    pub(crate) fn crossings_px(&self, dv_px: f64) -> [f64; 2] {
+        let half = (self.size2 - self.narrowing * dv_px * dv_px).max(0.0).sqrt();
+        [-half, half].map(|half| half - self.lean * dv_px)
     }
 }
 

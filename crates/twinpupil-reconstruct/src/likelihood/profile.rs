@@ -63,7 +63,7 @@ const ROUND: f64 = 0.01;
 const EVEN_BLUR: f64 = 0.03;
 
 /// Fewer samples are seen one by one.
-const SAMPLES_FEW: usize = 200;
+const SAMPLES_FEW: usize = 150;
 
 impl Profile {
     /// Whether it serves the samples of a spot.

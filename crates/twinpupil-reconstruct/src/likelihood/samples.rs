@@ -5,9 +5,10 @@ use std::hint::black_box;
 use multiversion::multiversion;
 use twinpupil_instrument::PlaneView;
 
-use crate::likelihood::full::{Full, FullRow};
+use crate::likelihood::full::{Full, FullRow, Tally};
 use crate::likelihood::light::Places;
-use crate::likelihood::outline::{Outline, Side};
+use crate::likelihood::outline::{Curve, Outline, Side};
+use crate::likelihood::spot::Spot;
 use crate::noise::Noise;
 
 /// Pixels about all spots of a frame, one window after the other.
@@ -17,9 +18,10 @@ pub(crate) struct Samples {
     zones: [Zone; ZONES],
 }
 
-/// Pixels and their places about the centres of their windows.
+/// The first `count` pixels, and their places about the centres of their windows; the rest is room for more.
 #[derive(Debug, Clone, Default)]
 struct Zone {
+    count: usize,
     du: Vec<f32>,
     dv: Vec<f32>,
     codes: Vec<f32>,
@@ -28,7 +30,6 @@ struct Zone {
 const ZONES: usize = 3;
 const EDGE: usize = 0;
 const INSIDE: usize = 1;
-const GROUND: usize = 2;
 
 /// What is to be read about a spot.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -81,6 +82,12 @@ impl Window {
         is_summable && du.hypot(dv) + reach_px <= self.rings.window_px && self.rings.outline.holds(&rings.outline)
     }
 
+    /// Whether the light of another spot falls into it.
+    pub(crate) fn is_reached(&self, other: &Spot) -> bool {
+        let [du, dv] = self.offset_px(other.centre_px);
+        du.hypot(dv) < self.rings.window_px + other.reach_px()
+    }
+
     /// The smallest share of it that tells something: small windows are not shared.
     pub(crate) fn share(&self, share: Share) -> Share {
         if self.ends[share as usize] == self.ends[Share::All as usize] { Share::All } else { share }
@@ -94,9 +101,7 @@ impl Window {
 
 impl Samples {
     pub(crate) fn clear(&mut self) {
-        for Zone { du, dv, codes } in &mut self.zones {
-            [du, dv, codes].into_iter().for_each(Vec::clear);
-        }
+        self.zones.iter_mut().for_each(|zone| zone.count = 0);
     }
 
     /// Reads the pixels of a plane within the rings.
@@ -106,15 +111,15 @@ impl Samples {
         let mut window = self.read_zones(plane, &rings);
         if !window.ground.is_even(noise, plane.code_max) {
             // Something lies on the ground: pixel by pixel it can be left out.
-            self.zones.iter_mut().zip(window.first).for_each(|(zone, first)| zone.truncate(first));
+            self.zones.iter_mut().zip(window.first).for_each(|(zone, first)| zone.count = first);
             window = self.read_zones(plane, &Rings { sums_ground: false, ..rings });
         }
         if !window.full.is_even(noise, plane.code_max) {
-            let rows = rows(plane, rings.outline.centre_px[1], rings.window_px);
-            let inside = rows.filter_map(|row| {
-                let (_, _, inner) = spans(plane, row, &rings)?;
-                (inner.end > inner.first).then(|| stretch(plane, row, inner, rings.outline.centre_px))
-            });
+            let curves = Curves::of(&rings);
+            let inside = rows(plane, rings.outline.centre_px[1], rings.window_px)
+                .map(|row| curves.row(plane, row))
+                .map(|row| row.stretch(plane, row.inner))
+                .filter(|row| row.count > 0);
             window.full = window.full.without_foreign(noise, plane.code_max, inside);
         }
         window
@@ -124,41 +129,22 @@ impl Samples {
         let rows = rows(plane, rings.outline.centre_px[1], rings.window_px);
         let area = rows.len() * (2.0 * rings.window_px / plane.step_px as f64) as usize;
         let every = if area < SAMPLES_FEW { 1 } else { QUARTER };
-        let first = self.lengths();
-        let [full, ground] = rings.levels.map(Full::about);
-        let mut window = Window { rings: *rings, first, ends: [first; 2], full, ground };
-        rows.clone().step_by(every).for_each(|row| self.read_row(plane, row, &mut window));
-        window.ends[Share::Quarter as usize] = self.lengths();
-        let others = rows.enumerate().filter(|(place, _)| place % every != 0);
-        others.for_each(|(_, row)| self.read_row(plane, row, &mut window));
-        window.ends[Share::All as usize] = self.lengths();
-        window
+        let first = self.counts();
+        let curves = Curves::of(rings);
+        let mut tallies = rings.levels.map(Tally::about);
+        let mut read = |row: usize, zones: &mut [Zone; ZONES]| {
+            read_row(plane, &curves.row(plane, row), rings, zones, &mut tallies);
+        };
+        rows.clone().step_by(every).for_each(|row| read(row, &mut self.zones));
+        let quarter = self.counts();
+        rows.enumerate().filter(|(place, _)| place % every != 0).for_each(|(_, row)| read(row, &mut self.zones));
+        let [full, ground] = tallies.map(Tally::finish);
+        Window { rings: *rings, first, ends: [quarter, self.counts()], full, ground }
     }
 
     /// Samples in every zone.
-    fn lengths(&self) -> [usize; ZONES] {
-        [0, 1, 2].map(|zone: usize| self.zones[zone].codes.len())
-    }
-
-    fn read_row(&mut self, plane: &PlaneView<'_>, row: usize, window: &mut Window) {
-        let Some((whole, outer, inner)) = spans(plane, row, &window.rings) else { return };
-        let centre_px = window.rings.outline.centre_px;
-        let [edge, inside, ground] = &mut self.zones;
-        for span in [Span { end: outer.first, ..whole }, Span { first: outer.end, ..whole }] {
-            if window.rings.sums_ground {
-                window.ground.add(&stretch(plane, row, span, centre_px));
-            } else {
-                ground.read(plane, row, span, centre_px);
-            }
-        }
-        for span in [Span { end: inner.first, ..outer }, Span { first: inner.end, ..outer }] {
-            edge.read(plane, row, span, centre_px);
-        }
-        if window.rings.sums_inside {
-            window.full.add(&stretch(plane, row, inner, centre_px));
-        } else {
-            inside.read(plane, row, inner, centre_px);
-        }
+    fn counts(&self) -> [usize; ZONES] {
+        [0, 1, 2].map(|zone: usize| self.zones[zone].count)
     }
 
     /// The samples of a window, zone by zone: their codes, and their places about a centre.
@@ -173,7 +159,7 @@ impl Samples {
         let [offset_u, offset_v] = window.offset_px(centre_px).map(|offset| offset as f32);
         places.clear();
         codes.clear();
-        for (zone, Zone { du, dv, codes: of_zone }) in self.zones.iter().enumerate() {
+        for (zone, Zone { du, dv, codes: of_zone, .. }) in self.zones.iter().enumerate() {
             let range = window.first[zone]..window.ends[share as usize][zone];
             places.du.extend(du[range.clone()].iter().map(|du| du - offset_u));
             places.dv.extend(dv[range.clone()].iter().map(|dv| dv - offset_v));
@@ -188,22 +174,50 @@ impl Samples {
 }
 
 impl Zone {
-    fn truncate(&mut self, count: usize) {
-        let Self { du, dv, codes } = self;
-        [du, dv, codes].into_iter().for_each(|values| values.truncate(count));
+    /// Adds pixels of a row.
+    #[inline(always)]
+    fn read(&mut self, plane: &PlaneView<'_>, row: &Row, span: Span) {
+        let Self { count, du, dv, codes } = self;
+        let (start, end) = (*count, *count + span.len());
+        if codes.len() < end {
+            for values in [&mut *du, dv, codes] {
+                values.resize(2 * end, 0.0);
+            }
+        }
+        let (first_px, step_px) = (row.beside_px(plane, span.first) as f32, plane.step_px as f32);
+        for (k, du) in du[start..end].iter_mut().enumerate() {
+            *du = first_px + step_px * (k as u32) as f32;
+        }
+        dv[start..end].fill(row.dv_px as f32);
+        plane.read_span(row.row, span.first, &mut codes[start..end]);
+        *count = end;
     }
+}
 
-    fn read(&mut self, plane: &PlaneView<'_>, row: usize, Span { first, end }: Span, [u_px, v_px]: [f64; 2]) {
-        if end <= first {
-            return;
+/// Adds the pixels of a row to zones, or to the sums over what the spot fills and over the ground.
+#[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
+fn read_row(
+    plane: &PlaneView<'_>,
+    row: &Row,
+    rings: &Rings,
+    [edge, inside, beside]: &mut [Zone; ZONES],
+    [full, ground]: &mut [Tally; 2],
+) {
+    let Row { whole, outer, inner, .. } = *row;
+    for span in [Span { end: outer.first, ..whole }, Span { first: outer.end, ..whole }] {
+        if rings.sums_ground {
+            ground.add(&row.stretch(plane, span));
+        } else {
+            beside.read(plane, row, span);
         }
-        let Self { du, dv, codes } = self;
-        let start = codes.len();
-        let dv_px = plane.frame_v_px(row as f64) - v_px;
-        for values in [&mut *du, dv, codes] {
-            values.resize(start + end - first, dv_px as f32);
-        }
-        read_span(plane, row, first, u_px, &mut codes[start..], &mut du[start..]);
+    }
+    for span in [Span { end: inner.first, ..outer }, Span { first: inner.end, ..outer }] {
+        edge.read(plane, row, span);
+    }
+    if rings.sums_inside {
+        full.add(&row.stretch(plane, inner));
+    } else {
+        inside.read(plane, row, inner);
     }
 }
 
@@ -220,49 +234,71 @@ fn fetch(plane: &PlaneView<'_>, Rings { outline, window_px, .. }: &Rings) {
     black_box(codes.map(|code| u32::from(*code)).sum::<u32>());
 }
 
-/// What a row shares with the window, with the outer side of the edge and with the inner one.
-fn spans(plane: &PlaneView<'_>, row: usize, rings: &Rings) -> Option<(Span, Span, Span)> {
-    let Rings { outline, window_px, .. } = rings;
-    let [u_px, v_px] = outline.centre_px;
-    let dv_px = plane.frame_v_px(row as f64) - v_px;
-    let half_px = (window_px * window_px - dv_px * dv_px).max(0.0).sqrt();
-    let whole = columns(plane, u_px, [-half_px, half_px]);
-    let within = |side: Side, around: Span| match outline.crossings_px(side, dv_px) {
-        Some(crossings_px) => columns(plane, u_px, crossings_px).within(around),
-        None => Span { first: around.end, end: around.end },
-    };
-    let outer = within(Side::Outer, whole);
-    (whole.end > whole.first).then(|| (whole, outer, within(Side::Inner, outer)))
+/// The window and both sides of the edge, ready to be crossed by rows.
+struct Curves {
+    centre_px: [f64; 2],
+    window_px: f64,
+    outer: Curve,
+    inner: Curve,
 }
 
-/// Columns between two places beside `u_px`.
+/// What a row shares with the window, with what lies within the outer side of the edge and within the inner one.
+struct Row {
+    row: usize,
+    u_px: f64,
+    dv_px: f64,
+    whole: Span,
+    outer: Span,
+    inner: Span,
+}
+
+impl Curves {
+    fn of(Rings { outline, window_px, .. }: &Rings) -> Self {
+        let [outer, inner] = [Side::Outer, Side::Inner].map(|side| outline.curve(side));
+        Self { centre_px: outline.centre_px, window_px: *window_px, outer, inner }
+    }
+
+    fn row(&self, plane: &PlaneView<'_>, row: usize) -> Row {
+        let [u_px, v_px] = self.centre_px;
+        let dv_px = plane.frame_v_px(row as f64) - v_px;
+        let half_px = (self.window_px * self.window_px - dv_px * dv_px).max(0.0).sqrt();
+        let whole = columns(plane, u_px, [-half_px, half_px]);
+        let outer = columns(plane, u_px, self.outer.crossings_px(dv_px)).within(whole);
+        let inner = columns(plane, u_px, self.inner.crossings_px(dv_px)).within(outer);
+        Row { row, u_px, dv_px, whole, outer, inner }
+    }
+}
+
+impl Row {
+    /// Where a column lies beside the centre, px.
+    #[inline(always)]
+    fn beside_px(&self, plane: &PlaneView<'_>, column: usize) -> f64 {
+        plane.frame_u_px(column as f64) - self.u_px
+    }
+
+    /// Pixels of it.
+    #[inline(always)]
+    fn stretch<'a>(&self, plane: &PlaneView<'a>, span: Span) -> FullRow<'a> {
+        FullRow {
+            codes: plane.line(self.row).get(span.first * plane.step_px..).unwrap_or_default(),
+            step: plane.step_px,
+            count: span.len(),
+            first_px: self.beside_px(plane, span.first),
+            dv_px: self.dv_px,
+        }
+    }
+}
+
+/// Columns between two places beside `u_px`; none if there is nothing between them.
 fn columns(plane: &PlaneView<'_>, u_px: f64, [low_px, high_px]: [f64; 2]) -> Span {
     let (origin, per_px) = (plane.origin_px[0] as f64, 1.0 / plane.step_px as f64);
     let columns = plane.columns as f64;
-    let first = ((u_px + low_px - origin) * per_px).ceil().clamp(0.0, columns) as usize;
-    let end = (((u_px + high_px - origin) * per_px).floor() + 1.0).clamp(0.0, columns) as usize;
-    Span { first, end: end.max(first) }
-}
-
-/// Pixels of one row, their places about a centre.
-fn stretch<'a>(plane: &PlaneView<'a>, row: usize, Span { first, end }: Span, [u_px, v_px]: [f64; 2]) -> FullRow<'a> {
-    FullRow {
-        codes: plane.line(row).get(first * plane.step_px..).unwrap_or_default(),
-        step: plane.step_px,
-        count: end - first,
-        first_px: plane.frame_u_px(first as f64) - u_px,
-        dv_px: plane.frame_v_px(row as f64) - v_px,
-    }
-}
-
-/// Reads codes of a row from a column on, and their places along it about `u_px`.
-#[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
-fn read_span(plane: &PlaneView<'_>, row: usize, first: usize, u_px: f64, codes: &mut [f32], du: &mut [f32]) {
-    let (first_px, step_px) = ((plane.frame_u_px(first as f64) - u_px) as f32, plane.step_px as f32);
-    for (k, du) in du.iter_mut().enumerate() {
-        *du = first_px + step_px * (k as u32) as f32;
-    }
-    plane.read_span(row, first, codes);
+    let low = ((u_px + low_px - origin) * per_px).clamp(0.0, columns);
+    let high = ((u_px + high_px - origin) * per_px + 1.0).clamp(0.0, columns);
+    // Rounded up and down: casts cut what is behind the point.
+    let first = low as usize + usize::from((low as usize) as f64 != low);
+    let end = high as usize;
+    if high_px > low_px { Span { first, end: end.max(first) } } else { Span { first, end: first } }
 }
 
 /// Columns `first..end` of a row.
@@ -273,6 +309,11 @@ struct Span {
 }
 
 impl Span {
+    #[inline(always)]
+    fn len(self) -> usize {
+        self.end - self.first
+    }
+
     /// The part of it in another.
     fn within(self, around: Self) -> Self {
         let first = self.first.clamp(around.first, around.end);
