@@ -162,7 +162,8 @@ impl EdgeView {
         let per_radius = 1.0 / local.radius_px;
         let (ex, ey) = ((xx * du + xy * dv) * per_radius, (yx * du + yy * dv) * per_radius);
         let q = (ex * ex + ey * ey).max(1e-12).sqrt();
-        let (nx, ny) = (ex / q, ey / q);
+        // In the very middle every way leads out.
+        let (nx, ny) = if q > 1e-5 { (ex / q, ey / q) } else { (1.0, 0.0) };
         let (gx, gy) = (nx * xx + ny * yx, nx * xy + ny * yy);
         let per_gradient = 1.0 / (gx * gx + gy * gy).sqrt();
         // The same along the edge.

@@ -102,3 +102,48 @@ impl Curve {
 fn product(m: &Matrix2, n: &Matrix2) -> Matrix2 {
     m.map(|[x, y]| [x * n[0][0] + y * n[1][0], x * n[0][1] + y * n[1][1]])
 }
+
+#[cfg(test)]
+mod tests {
+    use twinpupil_instrument::paper;
+
+    use super::*;
+    use crate::likelihood::light::{Light, Places};
+    use crate::likelihood::pencil::Pencil;
+    use crate::likelihood::spot::{Dot, Page};
+
+    fn spot(z_mm: f64, slopes: [f64; 2]) -> Spot {
+        let instrument = paper::instrument();
+        let pencil = Pencil::of_band(&instrument, &instrument.bands[1], 100.0);
+        let page = Page { axis_px: [959.5, 599.5], pitch_mm: 0.00586 };
+        Spot::of(&Dot { centre_mm: [4.0, -3.0, z_mm], diameter_mm: 1.0, slopes }, &pencil, page, 0.0)
+    }
+
+    #[test]
+    fn the_edge_is_felt_between_its_sides_alone() {
+        for (z_mm, slopes) in [(297.0, [0.0, 0.0]), (303.0, [0.0, 1.0]), (312.0, [-1.0, 1.4]), (270.0, [0.3, 0.2])] {
+            let spot = spot(z_mm, slopes);
+            let sides = [Side::Inner, Side::Outer].map(|side| Outline::of(&spot).curve(side));
+            let (mut places, mut light) = (Places::default(), Light::default());
+            let span = || (-75..=75).map(f64::from);
+            span().for_each(|dv| span().for_each(|du| places.push(du as f32, dv as f32)));
+            light.fill(&spot, &places);
+            for (index, (dv, du)) in span().flat_map(|dv| span().map(move |du| (dv, du))).enumerate() {
+                let [is_inner, is_outer] = sides.map(|side| {
+                    let [low, high] = side.crossings_px(dv);
+                    low < du && du < high
+                });
+                let off = if is_inner { 1.0 - light.light[index] } else { light.light[index] };
+                assert!(is_inner != is_outer || off.abs() < 1e-4, "{z_mm} {slopes:?} at {du} {dv}: {off}");
+            }
+        }
+    }
+
+    #[test]
+    fn an_outline_holds_what_has_moved_no_farther_than_it_is_widened() {
+        let before = Outline::of(&spot(303.0, [0.0, 1.0]));
+        let moved = |px: f64| Outline { centre_px: [before.centre_px[0] + px, before.centre_px[1]], ..before };
+        assert!(before.widened(1.0).holds(&moved(0.7)) && !before.widened(1.0).holds(&moved(1.5)));
+        assert!(before.widened(1.0).holds(&before.widened(0.9)) && !before.holds(&before.widened(0.1)));
+    }
+}
