@@ -11,6 +11,7 @@ use twinpupil_reconstruct::{Detection, KnownDot, Polarity, Reconstructor};
 
 use crate::adjust::{Adjusted, BandCamera, Dots, Observation, Problem, State};
 use crate::camera::cameras;
+use crate::forward::Slot;
 use crate::lattice::{Spot, median};
 use crate::pose::{Pose, Sight};
 use crate::result::{Calibration, Conclusion};
@@ -176,7 +177,7 @@ impl Calibrator<'_> {
             }
             comparison = self.compare(&mut now, &seen, round)?;
         }
-        self.check_data_sheet(&now, &unknowns)?;
+        self.check_data_sheet(&now, &unknowns, &now.adjusted, SIGMAS_MAX)?;
         Calibration::conclude(Conclusion {
             calibrator: self,
             unknowns: &unknowns,
@@ -264,7 +265,8 @@ impl Calibrator<'_> {
         faults: &mut Vec<Fault>,
     ) -> Result<Now, CalibrateError> {
         let mut poses = Vec::new();
-        seen.retain(|one| match self.first_pose(one) {
+        let bands = self.pair();
+        seen.retain(|one| match self.first_pose(one, bands) {
             Some(pose) => {
                 poses.push(pose);
                 true
@@ -287,8 +289,10 @@ impl Calibrator<'_> {
                 seen.iter().enumerate().flat_map(of_frame).collect()
             };
             let observations = observations(seen);
-            let now = self.adjust(&start, unknowns, &observations, Some(ROUGH_DOUBT_CHI2))?;
-            self.check_roles(&start, unknowns, &observations, &now)?;
+            let adjusted = self.solve(&start, unknowns, &observations, Some(ROUGH_DOUBT_CHI2))?;
+            self.check_roles(&start, unknowns, seen, (&observations, &adjusted))?;
+            self.check_data_sheet(&start, unknowns, &adjusted, ROUGH_SIGMAS_MAX)?;
+            let now = start.moved_to(unknowns, adjusted)?;
             let Some((place, fault)) = self.worst_fault(&now, seen, &observations) else { return Ok(now) };
             faults.push((seen.remove(place).frame, fault));
             poses.remove(place);
@@ -298,9 +302,13 @@ impl Calibrator<'_> {
         }
     }
 
-    /// The pose that the paper's equations give: x and y from the telecentric band, z from the ratio.
-    fn first_pose(&self, seen: &Seen) -> Option<Pose> {
-        let bands = [Role::Telecentric, Role::Entocentric].map(|role| self.instrument.band_index(role));
+    /// The telecentric and the entocentric band.
+    fn pair(&self) -> [usize; 2] {
+        [Role::Telecentric, Role::Entocentric].map(|role| self.instrument.band_index(role))
+    }
+
+    /// The pose that the paper's equations give: x and y from the telecentric one of two bands, z from the ratio.
+    fn first_pose(&self, seen: &Seen, bands: [usize; 2]) -> Option<Pose> {
         let [telecentric, entocentric] = self.instrument.projections();
         let focus_mm = self.instrument.focus_distance_mm();
         let image_mm = |band: usize, feature: usize| {
@@ -394,17 +402,24 @@ impl Calibrator<'_> {
         &self,
         start: &Now,
         unknowns: &[Unknown],
-        observations: &[Observation],
-        now: &Now,
+        seen: &[Seen],
+        (observations, adjusted): (&[Observation], &Adjusted),
     ) -> Result<(), CalibrateError> {
+        const POOR_CHI2: f64 = 8.0;
         const BETTER: f64 = 0.2;
-        let bands = [Role::Telecentric, Role::Entocentric].map(|role| self.instrument.band_index(role));
+        if adjusted.cost < POOR_CHI2 * observations.len() as f64 {
+            return Ok(());
+        }
+        let [telecentric, entocentric] = self.pair();
+        let poses: Option<Vec<Pose>> =
+            seen.iter().map(|one| self.first_pose(one, [entocentric, telecentric])).collect();
+        let Some(poses) = poses else { return Ok(()) };
         let swapped: Vec<Observation> = observations
             .iter()
             .map(|observation| {
                 let band = match observation.band {
-                    band if band == bands[0] => bands[1],
-                    band if band == bands[1] => bands[0],
+                    band if band == telecentric => entocentric,
+                    band if band == entocentric => telecentric,
                     band => band,
                 };
                 // Blur tells nothing of masks that are others.
@@ -413,24 +428,39 @@ impl Calibrator<'_> {
                 Observation { band, information, ..*observation }
             })
             .collect();
-        let Ok(other) = self.adjust(start, unknowns, &swapped, Some(ROUGH_DOUBT_CHI2)) else { return Ok(()) };
-        let is_poor = now.adjusted.cost > 8.0 * observations.len() as f64;
-        if is_poor && other.adjusted.cost < BETTER * now.adjusted.cost {
-            let [telecentric, entocentric] = bands.map(|band| self.instrument.bands[band].name.clone());
+        let mut start = start.clone();
+        start.adjusted.state.poses = poses;
+        let Ok(other) = self.solve(&start, unknowns, &swapped, Some(ROUGH_DOUBT_CHI2)) else { return Ok(()) };
+        if other.cost < BETTER * adjusted.cost {
+            let [telecentric, entocentric] =
+                [telecentric, entocentric].map(|band| self.instrument.bands[band].name.clone());
             return Err(CalibrateError::Swapped { telecentric, entocentric });
         }
         Ok(())
     }
 
-    /// Refuses numbers that no camera of this data sheet has.
-    fn check_data_sheet(&self, now: &Now, unknowns: &[Unknown]) -> Result<(), CalibrateError> {
-        const SIGMAS_MAX: f64 = 4.0;
+    /// Refuses numbers that no camera of this data sheet has, adjusted from where `now` is.
+    fn check_data_sheet(
+        &self,
+        now: &Now,
+        unknowns: &[Unknown],
+        adjusted: &Adjusted,
+        sigmas_max: f64,
+    ) -> Result<(), CalibrateError> {
+        let values = &adjusted.state.values;
         let sigmas = |(unknown, value): &(&Unknown, &f64)| ((*value - unknown.expected) / unknown.prior_std).abs();
-        let worst = unknowns.iter().zip(&now.adjusted.state.values).max_by(|a, b| sigmas(a).total_cmp(&sigmas(b)));
-        let Some(worst) = worst.filter(|worst| sigmas(worst) > SIGMAS_MAX) else { return Ok(()) };
+        let worst = unknowns.iter().zip(values).max_by(|a, b| sigmas(a).total_cmp(&sigmas(b)));
+        let Some(worst) = worst.filter(|worst| sigmas(worst) > sigmas_max) else { return Ok(()) };
         let focus_mm = self.instrument.focus_distance_mm();
         let [stated, _] = self.instrument.projections();
-        let found = now.projections[self.instrument.band_index(Role::Telecentric)];
+        let cameras = now.problem(self, unknowns, &[], 1.0).cameras_of(values);
+        let slots = &cameras[self.instrument.band_index(Role::Telecentric)].slots;
+        let found = Projection {
+            sensor_distance_mm: slots[Slot::SensorDistance as usize],
+            focal_length_mm: slots[Slot::FocalLength as usize],
+            pupil_position_mm: slots[Slot::PupilPosition as usize],
+            ..stated
+        };
         let growth = found.magnification(focus_mm) / stated.magnification(focus_mm);
         let pitch_mm = self.target.spec().pitch_mm;
         Err(CalibrateError::OffDataSheet {
@@ -507,6 +537,17 @@ impl Calibrator<'_> {
         observations: &[Observation],
         doubt_chi2: Option<f64>,
     ) -> Result<Now, CalibrateError> {
+        let adjusted = self.solve(now, unknowns, observations, doubt_chi2)?;
+        Ok(now.moved_to(unknowns, adjusted)?)
+    }
+
+    fn solve(
+        &self,
+        now: &Now,
+        unknowns: &[Unknown],
+        observations: &[Observation],
+        doubt_chi2: Option<f64>,
+    ) -> Result<Adjusted, CalibrateError> {
         let state = now.adjusted.state.clone();
         let typical = |adjusted: &Adjusted, problem: &Problem<'_>| {
             let state = &adjusted.state;
@@ -528,9 +569,13 @@ impl Calibrator<'_> {
                 adjusted = problem.adjust(adjusted.state).ok_or_else(failed)?;
             }
         }
-        Ok(now.moved_to(unknowns, adjusted)?)
+        Ok(adjusted)
     }
 }
+
+/// Tolerances from the data sheet beyond which a number is refused: at first, from features alone, and at last.
+const ROUGH_SIGMAS_MAX: f64 = 6.0;
+const SIGMAS_MAX: f64 = 4.0;
 
 /// χ² of a feature's numbers beyond which it is doubted: their deviations are rough.
 const ROUGH_DOUBT_CHI2: f64 = 25.0;
