@@ -1,6 +1,7 @@
 //! The subcommands, one module each.
 
 pub mod analyze;
+pub mod calibrate;
 pub mod crosstalk;
 pub mod demo;
 pub mod destination;
@@ -13,3 +14,4 @@ pub mod reconstruct;
 pub mod reproduce;
 pub mod scene;
 pub mod simulate;
+pub mod target;

@@ -19,6 +19,10 @@ fn wrong_usage_is_code_2_and_help_is_code_0() {
         "detect f.png",
         "detect f.png --mosaic rggb",
         "detect f.png --mosaic xyz --plane r",
+        "target dot-grid --rows 3 --columns 4 --pitch-mm 2",
+        "target dot-grid --rows 3 --columns 4 --pitch-mm 2 --dot-diameter-mm 1 --missing 1",
+        "target dot-grid --rows 3 --columns 4 --pitch-mm 2 --dot-diameter-mm 1 --larger 1,1",
+        "target dot-grid --rows 3 --columns 4 --pitch-mm 2 --dot-diameter-mm 1 --dark-on-light --light-on-dark",
         "analyze precision --instrument paper --z 350:250",
         "analyze precision --instrument paper --achieved 0",
     ];
@@ -45,10 +49,28 @@ fn instruments_and_scenes_are_printed_and_read_back() {
     let scene = workplace.succeed("scene paper");
     workplace.write("scene.toml", &scene);
     assert_eq!(workplace.succeed("scene print scene.toml"), scene);
-    for command in ["instrument schema", "scene schema", "instrument show paper --json"] {
+    for command in ["instrument schema", "scene schema", "target schema", "instrument show paper --json"] {
         let json: serde_json::Value = serde_json::from_str(&workplace.succeed(command)).unwrap();
         assert!(json.is_object(), "{command}");
     }
+}
+
+#[test]
+fn a_target_is_drawn_and_its_file_read_back() {
+    let workplace = Workplace::new();
+    let grid = "target dot-grid --rows 3 --columns 4 --pitch-mm 2 --dot-diameter-mm 1 --missing 0,0 --larger 2,3,1.5";
+    let svg = workplace.succeed(&format!("{grid} --file target.toml"));
+    assert_eq!(svg.matches("<circle").count(), 11);
+    workplace.succeed(&format!("{grid} -q -o grid.svg"));
+    assert_eq!(workplace.read("grid.svg"), svg);
+    let target = workplace.read("target.toml");
+    assert_eq!(workplace.succeed("target print target.toml"), target);
+    assert!(target.contains("name = \"4 x 3 dots, 2 mm apart\"") && target.contains("diameter_mm = 1.5"), "{target}");
+
+    let output = workplace.run(&format!("{grid} --light-on-dark --margin-mm 3 --name t -o grid.pdf"));
+    let note = String::from_utf8(output.stderr).unwrap();
+    assert!(note.starts_with("grid.pdf: 13.5 × ") && note.ends_with(" mm, 11 dots\n"), "{note}");
+    assert!(std::fs::read(workplace.path("grid.pdf")).unwrap().starts_with(b"%PDF-"));
 }
 
 #[test]
