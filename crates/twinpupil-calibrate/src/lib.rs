@@ -9,6 +9,7 @@
 
 mod adjust;
 mod advice;
+mod axis;
 mod calibrate;
 mod camera;
 mod forward;
@@ -19,6 +20,7 @@ mod sighting;
 mod target;
 mod unknown;
 
+pub use axis::{AxisError, AxisEstimate, AxisFinder};
 pub use calibrate::{CalibrateError, Calibrator, Fault, Foreign, FrameFault, Stage};
 pub use pose::Pose;
 pub use result::{Calibration, FrameResult, HeldOut, LeftOpen, Number, Residual};

@@ -51,4 +51,5 @@ pub use matching::MatchOptions;
 pub use noise::{Noise, NoiseSource};
 pub use pipeline::{Mode, Options, Point, ReconstructError, Reconstruction, Reconstructor};
 pub use rejection::{Bystander, Rejection, RejectionReason};
+pub use slope::surface_slopes;
 pub use unmix::noise_gain;

@@ -15,6 +15,13 @@ const SLOPE_STD_MAX: f64 = 0.1;
 /// The nearest points to a place, nearest first, with the squares of their distances.
 type Nearest = Vec<(f64, u32)>;
 
+/// Slopes dz/dx and dz/dy under each point, as its neighbours show them; none where those do not lie on a plane.
+pub fn surface_slopes(points_mm: &[[f64; 3]]) -> Vec<[f64; 2]> {
+    let mut slopes = Slopes::default();
+    slopes.lay_through(points_mm.iter().copied(), NEIGHBOURS);
+    points_mm.iter().map(|point_mm| slopes.at(*point_mm).unwrap_or_default()).collect()
+}
+
 /// Points of a surface; its buffers are used again from frame to frame.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Slopes {

@@ -36,5 +36,5 @@ pub use packing::{PackingError, RandomDots};
 pub use plate::{DotGrid, GridFiducial, ImagePattern, Pattern, Plate, Pose, TiltAxis};
 pub use sampling::PUPIL_SAMPLES_MAX;
 pub use scene::{DOT_COUNT_MAX, Scene, SceneError, SceneSpec};
-pub use simulate::{Expectation, SimulateError, SimulateOptions, Simulation, expected_electrons, simulate};
+pub use simulate::{Expectation, SimulateError, SimulateOptions, Simulation, expected_electrons, expose, simulate};
 pub use texture::{Picture, PictureError, Texture};

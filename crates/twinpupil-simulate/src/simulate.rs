@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 use thiserror::Error;
 use twinpupil_instrument::check::ValueError;
-use twinpupil_instrument::{Frame, FrameError, Instrument, Registration, ResponseMatrix};
+use twinpupil_instrument::{Frame, FrameError, Instrument, Registration, ResponseMatrix, Sensor};
 use twinpupil_optics::{Camera, OpticsError, RayLedger};
 
 use crate::defects::Defects;
@@ -86,10 +86,20 @@ pub fn simulate(
     progress: &(dyn Fn(f64) + Sync),
 ) -> Result<Simulation, SimulateError> {
     options.defects.check()?;
-    let Expectation { pages, ledger } =
-        expected_electrons(instrument, scene, response, options.pupil_samples, progress)?;
-    let sensor = &instrument.sensor;
-    let seed = options.seed.unwrap_or(scene.seed);
+    let expectation = expected_electrons(instrument, scene, response, options.pupil_samples, progress)?;
+    let frame = expose(&instrument.sensor, &expectation, options, options.seed.unwrap_or(scene.seed))?;
+    Ok(Simulation { frame, ledger: expectation.ledger })
+}
+
+/// The codes that the sensor delivers where these electrons are expected: another exposure of the same scene for every
+/// seed.
+pub fn expose(
+    sensor: &Sensor,
+    expectation: &Expectation,
+    options: &SimulateOptions,
+    seed: u64,
+) -> Result<Frame, SimulateError> {
+    options.defects.check()?;
     let codes = |(page, electrons): (usize, &Vec<f64>)| {
         let mut codes = match options.noiseless {
             true => expected_codes(sensor, electrons),
@@ -100,9 +110,9 @@ pub fn simulate(
         }
         codes
     };
-    let codes = pages.iter().enumerate().map(codes).collect();
+    let codes = expectation.pages.iter().enumerate().map(codes).collect();
     let [width_px, height_px] = sensor.size_px;
-    Ok(Simulation { frame: Frame::new(width_px, height_px, sensor.code_max(), codes)?, ledger })
+    Ok(Frame::new(width_px, height_px, sensor.code_max(), codes)?)
 }
 
 /// The mean over pupil and pixel of the radiance that every pixel sees, times the response of its plane.

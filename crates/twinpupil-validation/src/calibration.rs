@@ -1,12 +1,13 @@
 //! Cameras off their data sheet, calibrated from a target: how well the depth of other frames' dots comes out.
 
-use std::sync::atomic::{AtomicU64, Ordering};
-
-use twinpupil_calibrate::{CalibrateError, Calibration, Calibrator, Choices, Target, TargetKind, TargetSpec};
-use twinpupil_instrument::{Distortion, Frame, Instrument, InstrumentSpec, Lens, Mosaic, paper};
+use twinpupil_calibrate::{
+    AxisError, AxisEstimate, AxisFinder, CalibrateError, Calibration, Calibrator, Choices, Quantity, Target,
+    TargetKind, TargetSpec,
+};
+use twinpupil_instrument::{CalibrationSpec, Distortion, Frame, Instrument, InstrumentSpec, Lens, Mosaic, paper};
 use twinpupil_optics::response_table_for;
 use twinpupil_reconstruct::{Mode, Options, Reconstructor};
-use twinpupil_simulate::{DotGrid, Pattern, Plate, Scene, SceneSpec, TiltAxis};
+use twinpupil_simulate::{Dot, DotGrid, Expectation, Pattern, Plate, Scene, SceneSpec, TiltAxis};
 
 use crate::rig::{Rig, nearest};
 
@@ -118,21 +119,119 @@ pub fn target_scene(target: &Target, pose: &TargetPose) -> Scene {
     .expect("a legal scene")
 }
 
-/// Frames of the target in all poses.
-pub fn target_frames(camera: &Rig, target: &Target, poses: &[TargetPose], seed: u64) -> Vec<Frame> {
-    let frame = |(k, pose): (usize, &TargetPose)| camera.frame(&target_scene(target, pose), Some(seed + k as u64));
-    poses.iter().enumerate().map(frame).collect()
+/// What a camera sees of scenes, exposed as often as asked.
+#[derive(Debug)]
+pub struct Exposures {
+    camera: Rig,
+    scenes: Vec<Scene>,
+    expectations: Vec<Expectation>,
+}
+
+impl Exposures {
+    /// Traces the scenes with so many rays a pixel.
+    pub fn new(camera: Instrument, scenes: Vec<Scene>, pupil_samples: usize) -> Self {
+        let camera = Rig::new(camera, Mode::Model);
+        let expectations = scenes.iter().map(|scene| camera.expectation(scene, pupil_samples)).collect();
+        Self { camera, scenes, expectations }
+    }
+
+    /// The target in all poses.
+    pub fn of_target(camera: Instrument, target: &Target, poses: &[TargetPose], pupil_samples: usize) -> Self {
+        Self::new(camera, poses.iter().map(|pose| target_scene(target, pose)).collect(), pupil_samples)
+    }
+
+    /// One frame of every scene.
+    pub fn frames(&self, noise_seed: u64) -> Vec<Frame> {
+        let frame = |(k, expectation)| self.camera.exposed(expectation, 1000 * noise_seed + k as u64);
+        self.expectations.iter().enumerate().map(frame).collect()
+    }
+
+    /// Errors of z of the dots with r ≥ 2 that are wholly on the sensor, mm, and the deviations that noise and
+    /// calibration give them, as an instrument reads the frames; and how many such dots there are.
+    pub fn depth_errors(&self, instrument: &Instrument, noise_seed: u64) -> (Vec<DepthError>, usize) {
+        const R_MM_MIN: f64 = 2.0;
+        let options = Options { mode: Mode::Model, ..Options::default() };
+        let reader = reader(instrument, options);
+        let mut errors = Vec::new();
+        let mut dots = 0;
+        for (scene, frame) in self.scenes.iter().zip(self.frames(noise_seed)) {
+            let points = reader.reconstruct(&frame).expect("a frame of this camera").points;
+            let is_whole = |dot: &&Dot| {
+                let r_mm = dot.centre_mm[0].hypot(dot.centre_mm[1]);
+                r_mm >= R_MM_MIN && self.camera.sees_whole(dot.centre_mm, dot.diameter_mm)
+            };
+            for dot in scene.dots().iter().filter(is_whole) {
+                dots += 1;
+                let Some(point) = nearest(&points, dot.centre_mm) else { continue };
+                let covariance_mm2 = reader.calibration_covariance_mm2(point.position_mm);
+                errors.push(DepthError {
+                    z_mm: point.position_mm[2] - dot.centre_mm[2],
+                    noise_std_mm: point.std_mm[2],
+                    calibration_std_mm: covariance_mm2.map_or(0.0, |covariance| covariance[2][2].sqrt()),
+                });
+            }
+        }
+        (errors, dots)
+    }
+}
+
+/// Error of one dot's depth, and what it should be about.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DepthError {
+    /// Found less true, mm.
+    pub z_mm: f64,
+    /// Deviation from noise, mm.
+    pub noise_std_mm: f64,
+    /// Deviation from the calibration, mm.
+    pub calibration_std_mm: f64,
+}
+
+impl DepthError {
+    /// Root mean square of some.
+    pub fn rms_mm(errors: &[Self]) -> f64 {
+        (errors.iter().map(|error| error.z_mm.powi(2)).sum::<f64>() / errors.len().max(1) as f64).sqrt()
+    }
+
+    /// The largest of some.
+    pub fn max_mm(errors: &[Self]) -> f64 {
+        errors.iter().map(|error| error.z_mm.abs()).fold(0.0, f64::max)
+    }
+}
+
+/// The calibrated instrument with the deviations of its numbers, as `twinpupil calibrate` writes it.
+///
+/// # Panics
+/// If the calibration contradicts itself.
+pub fn calibrated(calibration: &Calibration) -> Instrument {
+    let numbers = &calibration.numbers;
+    let own: Vec<usize> =
+        (0..numbers.len()).filter(|k| matches!(numbers[*k].quantity, Quantity::Instrument(_))).collect();
+    let correlation = |i: usize, k: usize| {
+        let covariance = calibration.covariance[(own[i], own[k])];
+        if i == k { 1.0 } else { (covariance / numbers[own[i]].std / numbers[own[k]].std).clamp(-1.0, 1.0) }
+    };
+    let mut spec = calibration.instrument.clone().into_spec();
+    spec.calibration = Some(CalibrationSpec {
+        date: "2026-01-01".to_owned(),
+        target: "simulated".to_owned(),
+        rms_px: calibration.rms_px,
+        reduced_chi2: calibration.reduced_chi2,
+        parameters: own.iter().map(|k| numbers[*k].key.clone()).collect(),
+        std: own.iter().map(|k| numbers[*k].std).collect(),
+        correlation: (0..own.len()).map(|i| (0..=i).map(|k| correlation(i, k)).collect()).collect(),
+        frames: Vec::new(),
+    });
+    Instrument::new(spec).expect("a calibration of its own instrument")
 }
 
 /// Makes an instrument ready to read frames.
 ///
 /// # Panics
 /// If the instrument cannot be traced.
-pub fn reader(instrument: &Instrument) -> Reconstructor {
+pub fn reader(instrument: &Instrument, options: Options) -> Reconstructor {
     // An ideal lens adds nothing to first order.
     let is_ideal = matches!(instrument.lens, Lens::Thin(_));
     let table = (!is_ideal).then(|| response_table_for(instrument).expect("the instrument can be traced"));
-    let options = Options { mode: Mode::Centroid, ..Options::default() };
     Reconstructor::new(instrument.clone(), table, options)
 }
 
@@ -143,31 +242,19 @@ pub fn calibrate(
     frames: &[Frame],
     choices: &Choices,
 ) -> Result<Calibration, CalibrateError> {
-    let done = AtomicU64::new(0);
     let calibrator = Calibrator {
         instrument: data_sheet,
         target,
         choices,
         place_std_mm: None,
-        reader: &|instrument| Ok(reader(instrument)),
+        reader: &|instrument| Ok(reader(instrument, Options::default())),
         frame: &|frame| Ok(frames[frame].clone()),
-        progress: &|_| {
-            done.fetch_add(1, Ordering::Relaxed);
-        },
+        progress: &|_| {},
     };
     calibrator.calibrate(frames.len())
 }
 
-/// Errors of z of the dots with r ≥ 2 that are wholly on the sensor, mm, with the reported deviations.
-pub fn depth_errors(camera: &Rig, reader: &Rig, scene: &Scene, noise_seed: u64) -> Vec<[f64; 2]> {
-    const R_MM_MIN: f64 = 2.0;
-    let points = reader.points(&camera.frame(scene, Some(noise_seed)));
-    let whole = scene.dots().iter().filter(|dot| {
-        dot.centre_mm[0].hypot(dot.centre_mm[1]) >= R_MM_MIN && camera.sees_whole(dot.centre_mm, dot.diameter_mm)
-    });
-    let error = |dot: &twinpupil_simulate::Dot| {
-        let point = nearest(&points, dot.centre_mm)?;
-        Some([point.position_mm[2] - dot.centre_mm[2], point.std_mm[2]])
-    };
-    whole.filter_map(error).collect()
+/// The axis of an instrument from frames of any dots.
+pub fn axis(instrument: &Instrument, frames: &[Frame]) -> Result<AxisEstimate, AxisError> {
+    AxisFinder { instrument, reader: &|instrument| Ok(reader(instrument, Options::default())), frames }.find()
 }

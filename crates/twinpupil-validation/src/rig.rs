@@ -3,7 +3,9 @@
 use twinpupil_instrument::{Frame, Instrument, ResponseMatrix};
 use twinpupil_optics::response_table_for;
 use twinpupil_reconstruct::{Mode, Options, Point, Reconstruction, Reconstructor};
-use twinpupil_simulate::{Defects, DotSpec, Scene, SceneSpec, SimulateOptions, simulate};
+use twinpupil_simulate::{
+    Defects, DotSpec, Expectation, Scene, SceneSpec, SimulateOptions, expected_electrons, expose, simulate,
+};
 
 /// An instrument with a way to simulate and a way to read its frames.
 #[derive(Debug)]
@@ -49,6 +51,24 @@ impl Rig {
             ..SimulateOptions::default()
         };
         simulate(&self.instrument, scene, &self.response, &options, &|_| {}).expect("the scene can be simulated").frame
+    }
+
+    /// The electrons that a scene brings to every pixel: exposed again and again it is the same scene.
+    ///
+    /// # Panics
+    /// If the scene cannot be simulated.
+    pub fn expectation(&self, scene: &Scene, pupil_samples: usize) -> Expectation {
+        expected_electrons(&self.instrument, scene, &self.response, pupil_samples, &|_| {})
+            .expect("the scene can be simulated")
+    }
+
+    /// A noisy frame of an expectation.
+    ///
+    /// # Panics
+    /// If the expectation is not of this camera.
+    pub fn exposed(&self, expectation: &Expectation, noise_seed: u64) -> Frame {
+        let options = SimulateOptions { defects: self.defects, ..SimulateOptions::default() };
+        expose(&self.instrument.sensor, expectation, &options, noise_seed).expect("an expectation of this camera")
     }
 
     /// All that a frame of this camera gives.

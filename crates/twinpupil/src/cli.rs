@@ -6,7 +6,9 @@ use std::process::ExitCode;
 use anyhow::{Context, Result};
 use clap::{Parser, Subcommand};
 
-use crate::commands::{analyze, crosstalk, demo, detect, fit, instrument, reconstruct, reproduce, scene, simulate, target};
+use crate::commands::{
+    analyze, calibrate, crosstalk, demo, detect, fit, instrument, reconstruct, reproduce, scene, simulate, target,
+};
 use crate::console::Console;
 
 /// Depth from one exposure: simulates, reads and designs cameras with two coaxial colour apertures.
@@ -46,6 +48,8 @@ enum Command {
     /// Fit a line or a plane through points
     #[command(subcommand)]
     Fit(fit::Command),
+    /// Determine an instrument's numbers from frames of a dot grid
+    Calibrate(calibrate::Args),
     /// Tell what a design is worth
     #[command(subcommand)]
     Analyze(analyze::Command),
@@ -90,6 +94,7 @@ fn run(cli: &Cli) -> Result<()> {
         Command::Detect(args) => detect::run(args, &console),
         Command::Reconstruct(args) => reconstruct::run(args, &console),
         Command::Fit(command) => fit::run(command),
+        Command::Calibrate(args) => calibrate::run(args, &console),
         Command::Analyze(command) => analyze::run(command, &console),
         Command::Crosstalk(args) => crosstalk::run(args, &console),
         Command::Reproduce(args) => reproduce::run(args, &console),

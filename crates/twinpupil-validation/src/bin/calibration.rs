@@ -1,121 +1,148 @@
-//! Prints what calibration makes of cameras off their data sheet: `calibration [SEED]`.
+//! Prints what calibration makes of cameras off their data sheet: `calibration [TIMES [SEED]]`, TIMES calibrations each.
 
 use std::io::Write;
+use std::time::Instant;
 
-use twinpupil_calibrate::Choices;
-use twinpupil_instrument::Mosaic;
-use twinpupil_reconstruct::Mode;
+use twinpupil_calibrate::{Calibration, Choices, Number, Quantity};
+use twinpupil_instrument::{Instrument, Mosaic};
+use twinpupil_simulate::Scene;
 use twinpupil_validation::calibration::{
-    POSES, calibrate, data_sheet, depth_errors, off_data_sheet, target, target_frames,
+    DepthError, Exposures, POSES, axis, calibrate, calibrated, data_sheet, off_data_sheet, target,
 };
 use twinpupil_validation::plates::Pose;
-use twinpupil_validation::rig::Rig;
+
+/// Rays a pixel.
+const PUPIL_SAMPLES: usize = 1024;
+
+/// Other frames: random dots.
+const PLATES: [Pose; 4] = [Pose::Facing(262.0), Pose::Facing(290.0), Pose::Facing(338.0), Pose::Tilted(25.0)];
 
 fn main() -> std::io::Result<()> {
-    let seed = std::env::args().nth(1).and_then(|seed| seed.parse().ok()).unwrap_or(1);
+    let argument = |place: usize| std::env::args().nth(place).and_then(|text| text.parse().ok());
+    let (times, seed) = (argument(1).unwrap_or(1).max(1), argument(2).unwrap_or(1));
     let mut out = std::io::stdout().lock();
-    for (mosaic, is_bent) in [(Mosaic::Rgb, false), (Mosaic::Rggb, false), (Mosaic::Rgb, true)] {
-        let sheet = data_sheet(mosaic);
-        let truth = off_data_sheet(&sheet, is_bent);
-        let camera = Rig::new(truth.clone(), Mode::Model);
-        let target = target();
-        let frames = target_frames(&camera, &target, &POSES, 100 * seed);
-        let start = std::time::Instant::now();
-        let calibration = match calibrate(
-            &sheet,
-            &target,
-            &frames,
-            &Choices {
-                prior_std: std::env::var("FIX")
-                    .map(|f| f.split(',').map(|k| (k.to_owned(), 0.0)).collect())
-                    .unwrap_or_default(),
-            },
-        ) {
-            Ok(calibration) => calibration,
-            Err(error) => {
-                writeln!(out, "{mosaic:?} {is_bent}: {error}")?;
-                continue;
-            }
-        };
-        writeln!(
-            out,
-            "{mosaic:?}, bent: {is_bent}: {:.2} s, chi2 {:.3}, rms {:.4} px, held out {:?}",
-            start.elapsed().as_secs_f64(),
-            calibration.reduced_chi2,
-            calibration.rms_px,
-            calibration.held_out
-        )?;
-        for number in &calibration.numbers {
-            let true_value = match number.quantity {
-                twinpupil_calibrate::Quantity::Instrument(parameter) => parameter.value(&truth),
-                twinpupil_calibrate::Quantity::DotDiameter => 1.0,
-            };
-            writeln!(
-                out,
-                "{:42} {:12.6} {:12.6} {:10.6} {:7.2}  {:?}",
-                number.key,
-                number.value,
-                true_value,
-                number.std,
-                (number.value - true_value) / number.std,
-                number.left_open
-            )?;
-        }
-        if std::env::var("MORE").is_ok() {
-            for f in &calibration.frames {
-                writeln!(
-                    out,
-                    "{} z {:.2} tilt {:.3} rms {:.4} pix {:.3} pose {:?}",
-                    f.frame,
-                    f.pose.translation_mm.z,
-                    f.pose.tilt_rad().to_degrees(),
-                    f.rms_px,
-                    f.pixel_chi2,
-                    f.pose_std
-                )?;
-                for band in 0..2 {
-                    let own: Vec<_> =
-                        calibration.residuals.iter().filter(|r| r.frame == f.frame && r.band == band).collect();
-                    let n = own.len() as f64;
-                    for k in 0..4 {
-                        let m: f64 = own.iter().map(|r| r.off_px[k]).sum::<f64>() / n;
-                        let s: f64 = own.iter().map(|r| (r.off_px[k] / r.std_px[k]).powi(2)).sum::<f64>() / n;
-                        let sd: f64 = own.iter().map(|r| r.std_px[k]).sum::<f64>() / n;
-                        write!(out, "   {m:8.5} {:.2} ({sd:.5})", s.sqrt())?;
-                    }
-                    writeln!(out)?;
-                }
-            }
-            break;
-        }
-        for fault in &calibration.faults {
-            writeln!(out, "{fault:?}")?;
-        }
-        for advice in &calibration.advice {
-            writeln!(out, "  {advice}")?;
-        }
-        let before = Rig::new(sheet, Mode::Model);
-        let after = Rig::new(calibration.instrument.clone(), Mode::Model);
-        for pose in
-            [Pose::Facing(255.0), Pose::Facing(280.0), Pose::Facing(310.0), Pose::Facing(340.0), Pose::Tilted(30.0)]
-        {
-            let scene = pose.scene(seed);
-            let rms =
-                |errors: &[[f64; 2]]| (errors.iter().map(|[e, _]| e * e).sum::<f64>() / errors.len() as f64).sqrt();
-            let max = |errors: &[[f64; 2]]| errors.iter().map(|[e, _]| e.abs()).fold(0.0, f64::max);
-            let [b, a] = [&before, &after].map(|reader| depth_errors(&camera, reader, &scene, seed + 7));
-            let t = depth_errors(&camera, &camera, &scene, seed + 7);
-            writeln!(
-                out,
-                "{pose:?}: before {:.4} ({}), after rms {:.4} max {:.4} ({}), true {:.4}",
-                rms(&b),
-                b.len(),
-                rms(&a),
-                max(&a),
-                a.len(),
-                rms(&t)
-            )?;
-        }
+    for (mosaic, is_bent) in [(Mosaic::Rgb, false), (Mosaic::Rgb, true), (Mosaic::Rggb, false)] {
+        let bent = if is_bent { ", sensor tilted by 0.3°, distortion 0.1 %" } else { "" };
+        writeln!(out, "{}{bent}", mosaic.name())?;
+        camera(&mut out, mosaic, is_bent, times, seed)?;
     }
     Ok(())
+}
+
+fn camera(out: &mut impl Write, mosaic: Mosaic, is_bent: bool, times: u64, seed: u64) -> std::io::Result<()> {
+    let (sheet, target) = (data_sheet(mosaic), target());
+    let truth = off_data_sheet(&sheet, is_bent);
+    let targets = Exposures::of_target(truth.clone(), &target, &POSES, PUPIL_SAMPLES);
+    let plates: Vec<Scene> = PLATES.iter().map(|pose| pose.scene(seed)).collect();
+    let plates = Exposures::new(truth.clone(), plates, PUPIL_SAMPLES);
+    let (before, _) = plates.depth_errors(&sheet, seed);
+    let (known, _) = plates.depth_errors(&truth, seed);
+    writeln!(
+        out,
+        "  rms of z: {:.3} mm off the data sheet, {:.4} mm if the camera is known",
+        DepthError::rms_mm(&before),
+        DepthError::rms_mm(&known)
+    )?;
+    let mut tally = Tally::default();
+    for time in 0..times {
+        let frames = targets.frames(seed + time);
+        let start = Instant::now();
+        match calibrate(&sheet, &target, &frames, &Choices::default()) {
+            Ok(calibration) => {
+                let seconds = start.elapsed().as_secs_f64();
+                let (errors, dots) = plates.depth_errors(&calibrated(&calibration), seed + time);
+                if time == 0 {
+                    first(out, &calibration, &truth, seconds)?;
+                }
+                writeln!(
+                    out,
+                    "  {time}: {seconds:.2} s, χ² {:.2}, {:.4} px rms; rms of z {:.4} mm, at most {:.4}, {} of {dots} dots",
+                    calibration.reduced_chi2,
+                    calibration.rms_px,
+                    DepthError::rms_mm(&errors),
+                    DepthError::max_mm(&errors),
+                    errors.len()
+                )?;
+                tally.add(&calibration, &truth, &errors);
+            }
+            Err(error) => writeln!(out, "  {time}: {error}")?,
+        }
+    }
+    tally.print(out)?;
+    let random = Exposures::new(truth.clone(), vec![Pose::Facing(262.0).scene(seed)], PUPIL_SAMPLES);
+    let mut centred = truth.clone().into_spec();
+    centred.sensor.axis_px = sheet.sensor.axis_px;
+    let start = Instant::now();
+    match axis(&Instrument::new(centred).expect("a legal instrument"), &random.frames(seed)) {
+        Ok(found) => {
+            let off = [0, 1].map(|k| found.axis_px[k] - truth.sensor.axis_px[k]);
+            let std = [0, 1].map(|k| found.covariance_px2[k][k].sqrt());
+            let seconds = start.elapsed().as_secs_f64();
+            writeln!(
+                out,
+                "  axis from one frame: off by {off:.4?} px ± {std:.4?}, χ² {:.2}, {seconds:.2} s",
+                found.reduced_chi2
+            )
+        }
+        Err(error) => writeln!(out, "  axis: {error}"),
+    }
+}
+
+/// The first of many, number by number.
+fn first(out: &mut impl Write, calibration: &Calibration, truth: &Instrument, seconds: f64) -> std::io::Result<()> {
+    writeln!(out, "  7 frames in {seconds:.2} s; held out {:?}", calibration.held_out)?;
+    for number in &calibration.numbers {
+        let expected = true_value(number, truth);
+        let sigmas = (number.value - expected) / number.std;
+        writeln!(
+            out,
+            "  {:40} {:13.7} ± {:.7}, true {expected:13.7}, off by {sigmas:5.2} σ  {:?}",
+            number.key, number.value, number.std, number.left_open
+        )?;
+    }
+    calibration.faults.iter().try_for_each(|(frame, fault)| writeln!(out, "  frame {frame}: {fault}"))?;
+    calibration.advice.iter().try_for_each(|advice| writeln!(out, "  advice: {advice}"))
+}
+
+fn true_value(number: &Number, truth: &Instrument) -> f64 {
+    match number.quantity {
+        Quantity::Instrument(parameter) => parameter.value(truth),
+        Quantity::DotDiameter => 1.0,
+    }
+}
+
+/// Errors over deviations of many calibrations.
+#[derive(Default)]
+struct Tally {
+    keys: Vec<String>,
+    squares: Vec<f64>,
+    calibrations: usize,
+    depth_squares: f64,
+    depths: usize,
+}
+
+impl Tally {
+    fn add(&mut self, calibration: &Calibration, truth: &Instrument, errors: &[DepthError]) {
+        self.keys = calibration.numbers.iter().map(|number| number.key.clone()).collect();
+        self.squares.resize(self.keys.len(), 0.0);
+        for (square, number) in self.squares.iter_mut().zip(&calibration.numbers) {
+            *square += ((number.value - true_value(number, truth)) / number.std).powi(2);
+        }
+        self.calibrations += 1;
+        let sigmas2 =
+            |error: &DepthError| error.z_mm.powi(2) / (error.noise_std_mm.powi(2) + error.calibration_std_mm.powi(2));
+        self.depth_squares += errors.iter().map(sigmas2).sum::<f64>();
+        self.depths += errors.len();
+    }
+
+    fn print(&self, out: &mut impl Write) -> std::io::Result<()> {
+        if self.calibrations < 2 {
+            return Ok(());
+        }
+        writeln!(out, "  error over deviation, rms of {} calibrations:", self.calibrations)?;
+        for (key, square) in self.keys.iter().zip(&self.squares) {
+            writeln!(out, "  {key:40} {:.2}", (square / self.calibrations as f64).sqrt())?;
+        }
+        writeln!(out, "  depth of dots {:.2}", (self.depth_squares / self.depths.max(1) as f64).sqrt())
+    }
 }

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 use twinpupil_instrument::Instrument;
 use twinpupil_instrument::{Band, Frame, Role};
-use twinpupil_reconstruct::{DetectOptions, Mode, NoiseSource, Options, Reconstruction, Reconstructor};
+use twinpupil_reconstruct::{DetectOptions, Mode, NoiseSource, Options, Point, Reconstruction, Reconstructor};
 
 use super::destination::pretty;
 use super::options::PolarityOption;
@@ -148,7 +148,7 @@ pub fn run(args: &Args, console: &Console) -> Result<()> {
     bar.finish_and_clear();
     let summary = summary(args, &loaded, &frames, start.elapsed().as_secs_f64());
 
-    let (points, rejected) = tables(frames);
+    let (points, rejected) = tables(frames, &reconstructor);
     write(args, &points, &rejected)?;
     lines(&summary).iter().for_each(|line| console.note(line));
     if args.json {
@@ -205,13 +205,23 @@ fn why_empty(frame: &Frame, reconstruction: &Reconstruction) -> String {
     }
 }
 
-fn tables(frames: Vec<Done>) -> (Table, Table) {
+fn tables(frames: Vec<Done>, reconstructor: &Reconstructor) -> (Table, Table) {
     let (mut all_points, mut all_rejected) = (Vec::new(), Vec::new());
     for Done { frame, reconstruction: Reconstruction { points, rejected, .. }, .. } in frames {
         all_rejected.push(FrameRejections { frame: frame.clone(), rejected });
-        all_points.push(FramePoints { frame, points });
+        // Also where there are no points, so that the columns do not depend on them.
+        let is_calibrated = reconstructor.instrument().calibration.is_some();
+        let calibration_std_mm =
+            is_calibrated.then(|| points.iter().map(|point| calibration_std_mm(reconstructor, point)).collect());
+        all_points.push(FramePoints { frame, points, calibration_std_mm });
     }
     (points::table(&all_points), rejected_table(&all_rejected))
+}
+
+/// What the calibrated instrument leaves uncertain of a point; NaN where that cannot be told.
+fn calibration_std_mm(reconstructor: &Reconstructor, point: &Point) -> [f64; 3] {
+    let covariance_mm2 = reconstructor.calibration_covariance_mm2(point.position_mm);
+    [0, 1, 2].map(|axis| covariance_mm2.map_or(f64::NAN, |covariance| covariance[axis][axis].sqrt()))
 }
 
 fn write(args: &Args, points: &Table, rejected: &Table) -> Result<()> {

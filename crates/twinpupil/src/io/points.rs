@@ -28,6 +28,9 @@ pub struct FramePoints {
     pub frame: String,
     /// Its points; their index is their id.
     pub points: Vec<Point>,
+    /// Deviations of x, y and z that a calibrated instrument's numbers leave, mm, for every point; none if it was not
+    /// calibrated.
+    pub calibration_std_mm: Option<Vec<[f64; 3]>>,
 }
 
 /// The table of all points, with a column `frame` where there are several frames.
@@ -62,11 +65,23 @@ pub fn table(frames: &[FramePoints]) -> Table {
         .with("match_chi2", real(CHI2_DECIMALS, |point| point.match_chi2))
         .with("match_dof", Cells::Whole(points().map(|point| point.match_dof as i64).collect()))
         .with("pixel_chi2", real(CHI2_DECIMALS, |point| point.pixel_chi2.unwrap_or(f64::NAN)));
+    let table = with_calibration(table, frames);
     if frames.len() < 2 {
         return table;
     }
     let names = frames.iter().flat_map(|frame| frame.points.iter().map(|_| frame.frame.clone())).collect();
     table.with("frame", Cells::Label(names))
+}
+
+/// Adds what calibration leaves uncertain, where the frames come from a calibrated instrument.
+fn with_calibration(table: Table, frames: &[FramePoints]) -> Table {
+    let stds: Option<Vec<&Vec<[f64; 3]>>> = frames.iter().map(|frame| frame.calibration_std_mm.as_ref()).collect();
+    let Some(stds) = stds.filter(|stds| !stds.is_empty()) else { return table };
+    let names = ["x_calibration_std_mm", "y_calibration_std_mm", "z_calibration_std_mm"];
+    names.into_iter().enumerate().fold(table, |table, (axis, name)| {
+        let values = stds.iter().flat_map(|stds| stds.iter().map(move |std_mm| std_mm[axis])).collect();
+        table.with(name, Cells::Real(values, STD_DECIMALS))
+    })
 }
 
 /// A point as read back. What is not known is NaN.
@@ -142,7 +157,7 @@ mod tests {
 
     #[test]
     fn what_else_is_known_of_a_point_follows_its_flags() {
-        let text = text(&[FramePoints { frame: String::new(), points: vec![point()] }]);
+        let text = text(&[FramePoints { frame: String::new(), points: vec![point()], calibration_std_mm: None }]);
         let lines: Vec<&str> = text.lines().collect();
         let columns = ",overlapped,ambiguous,xy_cov_mm2,xz_cov_mm2,yz_cov_mm2,match_chi2,match_dof,pixel_chi2";
         assert!(lines[0].ends_with(columns), "{}", lines[0]);
@@ -152,15 +167,23 @@ mod tests {
 
     #[test]
     fn several_frames_are_told_apart() {
-        let frame = |name: &str| FramePoints { frame: name.to_owned(), points: vec![point()] };
+        let frame = |name: &str| FramePoints {
+            frame: name.to_owned(),
+            points: vec![point()],
+            calibration_std_mm: Some(vec![[1e-3, 2e-3, 3e-3]]),
+        };
         assert!(!text(&[frame("a.png")]).contains("frame"));
         let both = text(&[frame("a.png"), frame("b.png")]);
-        assert!(both.lines().nth(2).is_some_and(|line| line.starts_with("0,1.250000,") && line.ends_with(",,b.png")));
+        assert!(
+            both.lines()
+                .nth(2)
+                .is_some_and(|line| line.starts_with("0,1.250000,") && line.ends_with(",0.003000000,b.png"))
+        );
     }
 
     #[test]
     fn what_is_written_is_read_back() {
-        let text = text(&[FramePoints { frame: String::new(), points: vec![point()] }]);
+        let text = text(&[FramePoints { frame: String::new(), points: vec![point()], calibration_std_mm: None }]);
         let back = rows(&ReadTable::parse(&text).unwrap()).unwrap();
         assert_eq!(back[0].position_mm, [1.25, -7.5, 300.000001]);
         assert_eq!(back[0].std_mm[..2], [0.0005, 0.001]);

@@ -11,19 +11,19 @@ use crate::report::{Column, Figure, Headline, Report};
 
 /// What is reported.
 #[derive(Debug, Clone, Copy)]
-pub struct Findings<'a> {
+pub(super) struct Findings<'a> {
     /// What came out.
-    pub calibration: &'a Calibration,
+    pub(super) calibration: &'a Calibration,
     /// The instrument as it is written, with its `[calibration]`.
-    pub instrument: &'a Instrument,
+    pub(super) instrument: &'a Instrument,
     /// What it was calibrated with.
-    pub target: &'a Target,
+    pub(super) target: &'a Target,
     /// Names of all frames, by index.
-    pub frames: &'a [String],
+    pub(super) frames: &'a [String],
 }
 
 /// The page.
-pub fn page(findings: &Findings<'_>) -> Report {
+pub(super) fn page(findings: &Findings<'_>) -> Report {
     let mut report = Report::new(&format!("Calibration of {}", findings.instrument.name));
     report.lead(&lead(findings));
     report.headlines(&headlines(findings));
@@ -82,7 +82,9 @@ fn headlines(Findings { calibration, frames, .. }: &Findings<'_>) -> Vec<Headlin
 fn advice(report: &mut Report, Findings { calibration, frames, .. }: &Findings<'_>) {
     report.heading("What would make it better");
     if calibration.advice.is_empty() {
-        report.paragraph("Nothing stands out: the poses cover the depth range and the sensor, and determine every number.");
+        report.paragraph(
+            "Nothing stands out: the poses cover the depth range and the sensor, and determine every number.",
+        );
     } else {
         report.list(&calibration.advice.iter().map(|advice| sentence(advice)).collect::<Vec<_>>());
     }
@@ -97,14 +99,17 @@ fn advice(report: &mut Report, Findings { calibration, frames, .. }: &Findings<'
 fn sentence(text: &str) -> String {
     let is_key = text.split(' ').next().is_some_and(|word| word.contains(['.', '_', '[']));
     let mut letters = text.chars();
-    let first = letters.next().map(|letter| if is_key { letter.to_string() } else { letter.to_uppercase().to_string() });
+    let first =
+        letters.next().map(|letter| if is_key { letter.to_string() } else { letter.to_uppercase().to_string() });
     format!("{}{}.", first.unwrap_or_default(), letters.as_str())
 }
 
 fn numbers(report: &mut Report, calibration: &Calibration) {
     report.heading("The numbers");
     let enlarged = match calibration.reduced_chi2.sqrt() {
-        factor if factor > 1.0 => format!(" Deviations are {factor:.2} times those of noise alone, as the residuals ask for."),
+        factor if factor > 1.0 => {
+            format!(" Deviations are {factor:.2} times those of noise alone, as the residuals ask for.")
+        }
         _ => String::new(),
     };
     report.paragraph(&format!(
@@ -203,7 +208,9 @@ fn frames(report: &mut Report, Findings { calibration, frames, .. }: &Findings<'
         ]
     };
     report.table(&columns, &calibration.frames.iter().map(row).collect::<Vec<_>>());
-    report.paragraph("χ² of the pixels is that about the forward model over their number: 1 if noise is all that is left.");
+    report.paragraph(
+        "χ² of the pixels is that about the forward model over their number: 1 if noise is all that is left.",
+    );
 }
 
 fn name(frames: &[String], index: usize) -> String {

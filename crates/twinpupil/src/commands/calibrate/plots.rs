@@ -74,13 +74,7 @@ pub(super) fn trends(instrument: &Instrument, spots: &[Spot], unit: PixelUnit) -
     (0..OVER.len()).flat_map(|over| [0, 1].map(|part| chart(over, part))).collect()
 }
 
-fn trend(
-    instrument: &Instrument,
-    spots: &[Spot],
-    unit: PixelUnit,
-    reach_px: f64,
-    [over, part]: [usize; 2],
-) -> Figure {
+fn trend(instrument: &Instrument, spots: &[Spot], unit: PixelUnit, reach_px: f64, [over, part]: [usize; 2]) -> Figure {
     let direction = ["outwards", "sideways"][part];
     let mut chart = Chart::new(OVER[over], &format!("{direction}, {}", unit.name))
         .y_range(-unit.per_px * reach_px, unit.per_px * reach_px);
@@ -104,7 +98,8 @@ fn trend(
     }
     let beyond = all().filter(|point| !is_shown(point)).count();
     let what = ["away from the axis", "about the axis"][part];
-    let mut caption = format!("The part of the residuals {what}. Faint: single spots; bold: means with their deviation.");
+    let mut caption =
+        format!("The part of the residuals {what}. Faint: single spots; bold: means with their deviation.");
     if beyond > 0 {
         caption += &format!(" {beyond} lie beyond the frame.");
     }
@@ -182,7 +177,8 @@ fn depth_std_um(reader: &Reconstructor, pair: &[(Projection, Page); 2], z_mm: f6
 pub(super) fn target_map(target: &Target, offsets_mm: &[[f64; 2]]) -> Figure {
     let spec = target.spec();
     let half_mm = [spec.columns, spec.rows].map(|count| 0.5 * count as f64 * spec.pitch_mm);
-    let arrow = |(dot, offset): (&twinpupil_calibrate::TargetDot, &[f64; 2])| Arrow { at: dot.position_mm, offset: *offset };
+    let arrow =
+        |(dot, offset): (&twinpupil_calibrate::TargetDot, &[f64; 2])| Arrow { at: dot.position_mm, offset: *offset };
     let arrows: Vec<Arrow> = target.dots().iter().zip(offsets_mm).map(arrow).collect();
     let svg = VectorMap::new([half_mm.map(|half| -half), half_mm], &arrows, Colour::Purple).into_svg(1e3, "µm");
     Figure::new(svg, "Where the target's dots lie beside the places that its file states.")
@@ -196,7 +192,8 @@ mod tests {
     #[test]
     fn crowded_spots_are_averaged() {
         let one = calibration().residuals[0];
-        let at = |k: u32| Residual { foreseen_px: [f64::from(k), 10.0, 1.0, 1.0], off_px: [f64::from(k % 2); 4], ..one };
+        let at =
+            |k: u32| Residual { foreseen_px: [f64::from(k), 10.0, 1.0, 1.0], off_px: [f64::from(k % 2); 4], ..one };
         let many: Vec<Residual> = (0..960).map(at).collect();
         let (arrows, is_mean) = arrows(&many.iter().collect::<Vec<_>>(), [960.0, 600.0]);
         assert_eq!((arrows.len(), is_mean), (24, true));

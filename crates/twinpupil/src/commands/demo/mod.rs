@@ -134,7 +134,8 @@ fn expose(rig: &Rig, seed: u64, console: &Console) -> Result<Vec<Exposed>> {
 fn add_frame(files: &mut FolderOutputs, rig: &Rig, exposed: &Exposed) -> Result<()> {
     let name = "frame.png";
     files.add(name, frame::encode_frame(name.as_ref(), &exposed.frame, rig.instrument.sensor.mosaic)?);
-    let frame = FramePoints { frame: name.to_owned(), points: exposed.reconstruction.points.clone() };
+    let points = exposed.reconstruction.points.clone();
+    let frame = FramePoints { frame: name.to_owned(), points, calibration_std_mm: None };
     let table = points::table(&[frame]);
     files.add("points.csv", table.encode(Some("points.csv".as_ref()))?);
     files.add("points.ply", table.encode(Some("points.ply".as_ref()))?);

@@ -1,0 +1,145 @@
+//! A camera off its data sheet, calibrated from a dot grid: what comes out, and what is said where nothing can.
+
+use std::sync::OnceLock;
+
+use twinpupil_calibrate::{CalibrateError, Calibration, Choices, FrameFault, LeftOpen, Target, TargetSpec};
+use twinpupil_instrument::{Frame, Instrument, Mosaic};
+use twinpupil_validation::calibration::{
+    DepthError, Exposures, POSES, axis, calibrate, calibrated, data_sheet, off_data_sheet, target,
+};
+use twinpupil_validation::plates::Pose;
+
+/// Rays a pixel: what this leaves is below the noise of calibration.
+const PUPIL_SAMPLES: usize = 256;
+
+fn truth() -> Instrument {
+    off_data_sheet(&data_sheet(Mosaic::Rgb), true)
+}
+
+/// Frames of the target, seen by a camera with everything off: focal lengths, distance, axis, masks, tilt, distortion.
+fn frames() -> &'static [Frame] {
+    static FRAMES: OnceLock<Vec<Frame>> = OnceLock::new();
+    FRAMES.get_or_init(|| Exposures::of_target(truth(), &target(), &POSES, PUPIL_SAMPLES).frames(1))
+}
+
+fn calibration() -> &'static Calibration {
+    static CALIBRATION: OnceLock<Calibration> = OnceLock::new();
+    CALIBRATION.get_or_init(|| {
+        calibrate(&data_sheet(Mosaic::Rgb), &target(), frames(), &Choices::default()).expect("a sound calibration")
+    })
+}
+
+#[test]
+fn a_camera_off_its_data_sheet_is_calibrated() {
+    let calibration = calibration();
+    assert!(calibration.faults.is_empty(), "{:?}", calibration.faults);
+    assert!(calibration.rms_px < 0.005, "{}", calibration.rms_px);
+    for number in &calibration.numbers {
+        let expected = match number.quantity {
+            twinpupil_calibrate::Quantity::Instrument(parameter) => parameter.value(&truth()),
+            twinpupil_calibrate::Quantity::DotDiameter => 1.0,
+        };
+        let sigmas = (number.value - expected).abs() / number.std;
+        assert!(sigmas < 4.0, "{} is {} ± {}, not {expected}", number.key, number.value, number.std);
+    }
+    let held_out = calibration.held_out.expect("several frames");
+    assert!(held_out.z_rms_mm < 0.01, "{held_out:?}");
+}
+
+#[test]
+fn other_frames_then_give_the_depth_of_random_dots() {
+    let plates =
+        Exposures::new(truth(), vec![Pose::Facing(270.0).scene(3), Pose::Facing(330.0).scene(4)], PUPIL_SAMPLES);
+    let (before, _) = plates.depth_errors(&data_sheet(Mosaic::Rgb), 5);
+    let (after, dots) = plates.depth_errors(&calibrated(calibration()), 5);
+    assert!(DepthError::rms_mm(&before) > 1.0, "{}", DepthError::rms_mm(&before));
+    assert!(after.len() as f64 >= 0.98 * dots as f64, "{} of {dots}", after.len());
+    assert!(DepthError::rms_mm(&after) < 0.02, "{}", DepthError::rms_mm(&after));
+    assert!(DepthError::max_mm(&after) < 0.05, "{}", DepthError::max_mm(&after));
+    // The calibration's part of the error bars is what the noise does not explain.
+    let sigmas2 =
+        after.iter().map(|error| error.z_mm.powi(2) / (error.noise_std_mm.powi(2) + error.calibration_std_mm.powi(2)));
+    let rms_sigmas = (sigmas2.sum::<f64>() / after.len() as f64).sqrt();
+    assert!(rms_sigmas < 2.5, "{rms_sigmas}");
+}
+
+#[test]
+fn one_frame_shows_the_axis() {
+    let plate = Exposures::new(
+        off_data_sheet(&data_sheet(Mosaic::Rgb), false),
+        vec![Pose::Facing(262.0).scene(7)],
+        PUPIL_SAMPLES,
+    );
+    // Masks off centre shift what is out of focus: the axis alone is sought, all else is known.
+    let mut spec = off_data_sheet(&data_sheet(Mosaic::Rgb), false).into_spec();
+    let true_px = std::mem::replace(&mut spec.sensor.axis_px, data_sheet(Mosaic::Rgb).sensor.axis_px);
+    let found = axis(&Instrument::new(spec).expect("a legal instrument"), &plate.frames(2)).expect("an axis");
+    let off_px = (found.axis_px[0] - true_px[0]).hypot(found.axis_px[1] - true_px[1]);
+    assert!(off_px < 0.02, "{off_px}: {found:?}");
+}
+
+#[test]
+fn what_frames_cannot_tell_is_named() {
+    let facing = &frames()[..1];
+    let calibration = calibrate(&data_sheet(Mosaic::Rgb), &target(), facing, &Choices::default()).expect("something");
+    let why = |key: &str| calibration.number(key).expect("it is sought").left_open.clone();
+    assert!(matches!(why("sensor.distance_mm"), Some(LeftOpen::Tied { .. })), "{:?}", calibration.numbers);
+    assert!(calibration.advice.iter().any(|advice| advice.contains("sensor.distance_mm is not determined")));
+    assert!(calibration.advice.iter().any(|advice| advice.contains("tilt the target")), "{:?}", calibration.advice);
+    assert!(calibration.advice.iter().any(|advice| advice.contains("no dot farther than")));
+}
+
+#[test]
+fn what_is_wrong_with_target_or_bands_is_told() {
+    let of = |instrument: &Instrument, target: &Target, frames: &[Frame]| {
+        calibrate(instrument, target, frames, &Choices::default()).map(|_| ()).expect_err("it is wrong")
+    };
+    let sheet = data_sheet(Mosaic::Rgb);
+    let spec = TargetSpec { pitch_mm: 1.8, ..target().spec().clone() };
+    let wrong_pitch = of(&sheet, &Target::new(spec).expect("legal"), frames());
+    assert!(
+        matches!(wrong_pitch, CalibrateError::OffDataSheet { likely_pitch_mm, .. } if (1.4..1.6).contains(&likely_pitch_mm)),
+        "{wrong_pitch}"
+    );
+
+    let mut swapped = sheet.clone().into_spec();
+    let (first, second) = swapped.bands.split_at_mut(1);
+    std::mem::swap(&mut first[0].plane, &mut second[0].plane);
+    let swapped = of(&Instrument::new(swapped).expect("legal"), &target(), frames());
+    assert!(matches!(swapped, CalibrateError::Swapped { .. }), "{swapped}");
+
+    let smaller = TargetSpec { columns: 8, ..target().spec().clone() };
+    let smaller = of(&sheet, &Target::new(smaller).expect("legal"), &frames()[3..4]);
+    assert!(matches!(smaller, CalibrateError::NoFrames(FrameFault::Sighting(_))), "{smaller}");
+
+    let empty = Frame::new(1920, 1200, 4095, vec![vec![0; 1920 * 1200]; 3]).expect("a frame");
+    let empty = of(&sheet, &target(), &[empty]);
+    assert!(empty.to_string().contains("no target"), "{empty}");
+}
+
+#[test]
+fn a_blurred_frame_is_left_out() {
+    let mut all = frames().to_vec();
+    all[3] = blurred(&all[3], 8);
+    let calibration = calibrate(&data_sheet(Mosaic::Rgb), &target(), &all, &Choices::default()).expect("six frames");
+    assert!(matches!(calibration.faults[..], [(3, FrameFault::Blurred { .. })]), "{:?}", calibration.faults);
+    assert_eq!(calibration.frames.len(), 6);
+}
+
+/// A frame moved along its rows while it was exposed.
+fn blurred(frame: &Frame, reach: usize) -> Frame {
+    let (width, height) = (frame.width_px(), frame.height_px());
+    let page = |codes: &Vec<u16>| {
+        let at = |row: usize, column: usize| {
+            let span = column.saturating_sub(reach)..(column + reach + 1).min(width);
+            let count = span.len() as u32;
+            let sum: u32 = codes[row * width..][span].iter().map(|code| u32::from(*code)).sum();
+            (sum / count) as u16
+        };
+        (0..height)
+            .flat_map(|row| (0..width).map(move |column| (row, column)))
+            .map(|(row, column)| at(row, column))
+            .collect()
+    };
+    Frame::new(width, height, frame.code_max(), frame.pages().iter().map(page).collect()).expect("a frame")
+}

@@ -1,0 +1,133 @@
+//! What `calibrate` tells: lines for a human, JSON for a machine.
+
+use serde::Serialize;
+use twinpupil_calibrate::{Calibration, LeftOpen, Number, Target};
+use twinpupil_instrument::Instrument;
+
+use super::faults;
+use crate::io::files::FrameFiles;
+
+/// What `--json` prints.
+#[derive(Debug, Serialize)]
+pub(super) struct Summary {
+    instrument: String,
+    target: String,
+    frames: Vec<FrameSummary>,
+    /// Frames that were left out, each with its reason.
+    left_out: Vec<String>,
+    spots: usize,
+    rms_px: f64,
+    reduced_chi2: f64,
+    /// Root mean square depth error of dots in frames that took no part, and of those that did, about the target's plane.
+    held_out_z_rms_mm: Option<f64>,
+    within_z_rms_mm: Option<f64>,
+    numbers: Vec<NumberSummary>,
+    advice: Vec<String>,
+}
+
+#[derive(Debug, Serialize)]
+struct FrameSummary {
+    frame: String,
+    distance_mm: f64,
+    tilt_deg: f64,
+    spots: usize,
+    rms_px: f64,
+    pixel_chi2: f64,
+}
+
+#[derive(Debug, Serialize)]
+struct NumberSummary {
+    key: String,
+    data_sheet: f64,
+    tolerance: f64,
+    value: f64,
+    std: f64,
+    /// Why the frames do not determine it, if so.
+    left_open: Option<String>,
+}
+
+impl Summary {
+    pub(super) fn new(
+        calibration: &Calibration,
+        instrument: &Instrument,
+        target: &Target,
+        files: &[FrameFiles],
+    ) -> Self {
+        let frame = |result: &twinpupil_calibrate::FrameResult| FrameSummary {
+            frame: files[result.frame].name.clone(),
+            distance_mm: result.pose.translation_mm.z,
+            tilt_deg: result.pose.tilt_rad().to_degrees(),
+            spots: result.spots,
+            rms_px: result.rms_px,
+            pixel_chi2: result.pixel_chi2,
+        };
+        let number = |number: &Number| NumberSummary {
+            key: number.key.clone(),
+            data_sheet: number.expected,
+            tolerance: number.tolerance,
+            value: number.value,
+            std: number.std,
+            left_open: number.left_open.as_ref().map(reason),
+        };
+        Self {
+            instrument: instrument.name.clone(),
+            target: target.spec().name.clone(),
+            frames: calibration.frames.iter().map(frame).collect(),
+            left_out: faults(&calibration.faults, files),
+            spots: calibration.residuals.len(),
+            rms_px: calibration.rms_px,
+            reduced_chi2: calibration.reduced_chi2,
+            held_out_z_rms_mm: calibration.held_out.map(|held_out| held_out.z_rms_mm),
+            within_z_rms_mm: calibration.held_out.map(|held_out| held_out.z_rms_within_mm),
+            numbers: calibration.numbers.iter().map(number).collect(),
+            advice: calibration.advice.clone(),
+        }
+    }
+
+    /// For a human.
+    pub(super) fn lines(&self) -> Vec<String> {
+        let mut lines = self.left_out.clone();
+        lines.push(format!(
+            "{} frames, {} spots: {:.4} px rms, χ² {:.2} for each degree of freedom",
+            self.frames.len(),
+            self.spots,
+            self.rms_px,
+            self.reduced_chi2
+        ));
+        if let Some(z_rms_mm) = self.held_out_z_rms_mm {
+            lines.push(format!("depth of dots in frames that took no part: {:.1} µm rms", 1e3 * z_rms_mm));
+        }
+        let width = self.numbers.iter().map(|number| number.key.len()).max().unwrap_or(0);
+        lines.extend(self.numbers.iter().map(|number| {
+            let decimals = decimals(number.std);
+            let open = if number.left_open.is_some() { ", not determined" } else { "" };
+            format!(
+                "{:width$}  {:.decimals$} ± {:.decimals$}  (data sheet {} ± {:.3}){open}",
+                number.key,
+                number.value,
+                number.std,
+                shortest(number.data_sheet),
+                number.tolerance,
+            )
+        }));
+        lines.extend(self.advice.iter().map(|advice| format!("advice: {advice}")));
+        lines
+    }
+}
+
+/// As many decimals as show two digits of a deviation.
+fn decimals(std: f64) -> usize {
+    if std > 0.0 { (1.0 - std.log10().floor()).clamp(0.0, 12.0) as usize } else { 6 }
+}
+
+/// A number without the dust of binary fractions.
+fn shortest(value: f64) -> f64 {
+    (value * 1e9).round() / 1e9
+}
+
+fn reason(left_open: &LeftOpen) -> String {
+    match left_open {
+        LeftOpen::Unseen => "the frames hardly depend on it".to_owned(),
+        LeftOpen::Tied { with, correlation } => format!("tied to {with}, correlation {correlation:.3}"),
+    }
+}
