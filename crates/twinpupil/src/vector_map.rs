@@ -43,7 +43,7 @@ impl VectorMap {
         Self { low, high, arrows: arrows.iter().filter(is_finite).copied().collect(), colour }
     }
 
-    /// The drawing. The key's arrow is as long as `unit` says with `per_unit` to one of the unit in which arrows are.
+    /// The drawing. The key tells lengths in `unit`, with `per_unit` of them to one of the unit in which arrows are.
     pub fn into_svg(self, per_unit: f64, unit: &str) -> String {
         let [width, height] = [0, 1].map(|axis| (self.high[axis] - self.low[axis]).max(f64::MIN_POSITIVE));
         let scale = (WIDTH - 2.0 * EDGE) / width;
@@ -119,7 +119,7 @@ mod tests {
         let svg = VectorMap::new([[0.0, 0.0], [100.0, 50.0]], &arrows, Colour::Blue).into_svg(1e3, "10⁻³ px");
         assert!(svg.contains(">2 10⁻³ px<"), "{svg}");
         // Two thirds of an arrow that is drawn as long as long ones are.
-        let end = format!("L{:.1} ", EDGE + 2.0 / 3.0 * LONG);
+        let end = format!("M{:.1} ", EDGE + 2.0 / 3.0 * LONG);
         assert!(svg.contains(&end), "{end} in {svg}");
         assert_eq!(svg.matches("<circle").count(), 21);
     }

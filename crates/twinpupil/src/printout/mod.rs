@@ -85,9 +85,9 @@ struct Bar {
 const MARGIN_MM: f64 = 10.0;
 const MARGIN_STEPS: f64 = 2.0;
 
-/// Height of the text where there is room for it, and the width of its letters over it, on the safe side.
+/// Height of the text where there is room for it, and the width of its letters over it, typically and at most so.
 const TEXT_MM: f64 = 3.0;
-const LETTER: f64 = 0.6;
+const LETTER: f64 = 0.55;
 
 /// Most distance of text and bar from the edges of the sheet, mm.
 const INSET_MM: f64 = 5.0;
@@ -137,7 +137,7 @@ impl Printout {
 
 /// What stands under the dots.
 struct Footer {
-    lines: [String; 2],
+    lines: [String; 3],
     bar_mm: f64,
     inset_mm: f64,
     text_mm: f64,
@@ -150,7 +150,8 @@ impl Footer {
         let room_mm = width_mm - 2.0 * inset_mm;
         let lines = [
             printable(&spec.name),
-            format!("{columns} columns × {rows} rows, pitch {pitch_mm} mm, dots {dot_diameter_mm} mm"),
+            format!("{columns} columns × {rows} rows"),
+            format!("pitch {pitch_mm} mm, dots {dot_diameter_mm} mm"),
         ];
         let bar_mm = round_below(room_mm);
         let letters = lines.iter().chain([&label(bar_mm)]).map(|line| line.chars().count()).max().unwrap_or(1);
@@ -158,12 +159,12 @@ impl Footer {
     }
 
     fn height_mm(&self) -> f64 {
-        6.2 * self.text_mm + self.inset_mm
+        7.6 * self.text_mm + self.inset_mm
     }
 
     fn texts(&self, top_mm: f64) -> Vec<Text> {
-        let [name, grid] = self.lines.clone();
-        let lines = [(1.0, name), (2.4, grid), (6.0, label(self.bar_mm))];
+        let [name, grid, pitch] = self.lines.clone();
+        let lines = [(1.0, name), (2.4, grid), (3.8, pitch), (7.4, label(self.bar_mm))];
         let text = |(down, content)| Text {
             start_mm: [self.inset_mm, top_mm + down * self.text_mm],
             size_mm: self.text_mm,
@@ -175,7 +176,7 @@ impl Footer {
     /// A line with eleven ticks whose middles are a tenth of its length apart, the outer ones longer.
     fn bars(&self, top_mm: f64) -> Vec<Bar> {
         let thick_mm = (0.01 * self.bar_mm).min(0.06 * self.text_mm);
-        let below_mm = top_mm + 4.6 * self.text_mm;
+        let below_mm = top_mm + 6.0 * self.text_mm;
         let line = Bar {
             corner_mm: [self.inset_mm - 0.5 * thick_mm, below_mm - thick_mm],
             size_mm: [self.bar_mm + thick_mm, thick_mm],
@@ -241,7 +242,7 @@ pub(super) mod tests {
         let middle_mm = |bar: &Bar| bar.corner_mm[0] + 0.5 * bar.size_mm[0];
         let [first, last] = [&printout.bars[1], &printout.bars[11]];
         assert!((middle_mm(last) - middle_mm(first) - 10.0).abs() < 1e-12);
-        assert_eq!(printout.texts[2].content, "10 mm if printed to scale");
+        assert_eq!(printout.texts[3].content, "10 mm if printed to scale");
     }
 
     #[test]

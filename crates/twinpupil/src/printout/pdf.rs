@@ -100,10 +100,6 @@ mod tests {
     use super::super::{Format, Ink};
     use super::*;
 
-    fn content(printout: &Printout) -> String {
-        String::from_utf8(drawing(printout)).unwrap()
-    }
-
     #[test]
     fn a_page_is_as_large_as_its_sheet_and_is_not_scaled() {
         let mut printout = Printout::new(&target("a"), Ink::DarkOnLight, Some(3.0));

@@ -19,7 +19,7 @@ use crate::load::LoadedInstrument;
 
 /// `twinpupil calibrate axis …`.
 #[derive(Debug, clap::Args)]
-pub struct Args {
+pub(super) struct Args {
     /// Frames of dots that do not move against the camera or do, as they like
     #[arg(required = true, value_name = "FRAME")]
     frames: Vec<PathBuf>,

@@ -20,6 +20,13 @@ pub(super) fn measured(value: f64, std: f64) -> String {
     format!("({:.decimals$} ± {:.decimals$}) × 10{}", value * scale, std * scale, raised(power))
 }
 
+/// A value as it was stated and its tolerance.
+pub(super) fn stated(value: f64, tolerance: f64) -> String {
+    // Without the dust of binary fractions.
+    let clean = (1e9 * value).round() / 1e9 + 0.0;
+    format!("{clean} ± {}", significant(tolerance, 2))
+}
+
 /// A number with so many digits, without zeros that follow from nothing.
 pub(super) fn significant(value: f64, digits: i32) -> String {
     if value == 0.0 || !value.is_finite() {
@@ -59,12 +66,19 @@ mod tests {
     #[test]
     fn deviations_have_two_digits() {
         assert_eq!(measured(151.734_56, 0.0123), "151.735 ± 0.012");
-        assert_eq!(measured(959.5, 48.0), "959.5 ± 48.0");
+        assert_eq!(measured(959.5, 48.0), "960 ± 48");
         assert_eq!(measured(100.0, 0.000_012), "100.000000 ± 0.000012");
         assert_eq!(measured(-3.21e-5, 4.4e-7), "(-3.210 ± 0.044) × 10⁻⁵");
         assert_eq!(measured(0.0, 2.5e-5), "(0.0 ± 2.5) × 10⁻⁵");
         assert_eq!(measured(2.5, 0.0), "2.50000 ± 0");
         assert_eq!(measured(f64::NAN, f64::NAN), "NaN ± NaN");
+    }
+
+    #[test]
+    fn what_was_stated_stays_exact() {
+        assert_eq!(stated(959.5, 96.0), "959.5 ± 96");
+        assert_eq!(stated(0.1 + 0.2, 0.005), "0.3 ± 0.0050");
+        assert_eq!(stated(0.0, 1.139e-4), "0 ± 0.00011");
     }
 
     #[test]

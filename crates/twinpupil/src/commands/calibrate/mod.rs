@@ -15,9 +15,7 @@ use std::sync::Mutex;
 use anyhow::{Context, Result, anyhow, bail};
 use clap::Subcommand;
 use sha2::{Digest, Sha256};
-use twinpupil_calibrate::{
-    Calibration, Calibrator, Choices, DOT_DIAMETER_KEY, Fault, Foreign, FrameResult, Quantity, Stage, Target,
-};
+use twinpupil_calibrate::{Calibration, Calibrator, Choices, Fault, Foreign, FrameResult, Quantity, Stage, Target};
 use twinpupil_instrument::{CalibrationFrame, CalibrationSpec, Instrument, Lens};
 use twinpupil_reconstruct::{DetectOptions, Mode, Options, Reconstructor};
 

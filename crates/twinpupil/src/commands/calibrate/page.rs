@@ -4,7 +4,7 @@ use twinpupil_calibrate::{Calibration, Fault, FrameResult, LeftOpen, Number, Tar
 use twinpupil_instrument::Instrument;
 
 use super::correlations::{self, Pair};
-use super::measured::{measured, significant};
+use super::measured::{measured, significant, stated};
 use super::plots;
 use super::residuals::{PixelUnit, spots};
 use crate::report::{Column, Figure, Headline, Report};
@@ -40,7 +40,7 @@ fn lead(Findings { calibration, instrument, target, frames }: &Findings<'_>) -> 
     let spec = target.spec();
     let date = instrument.calibration.as_ref().map(|own| format!(" on {}", own.date)).unwrap_or_default();
     format!(
-        "Computed{date} from {} of {} frames of {}: {} columns × {} rows of dots of {} mm, {} mm apart. The pitch is taken \
+        "Computed{date} from {} of {} frames of “{}”: {} columns × {} rows of dots of {} mm, {} mm apart. The pitch is taken \
          as exact: an error of it would scale everything.",
         calibration.frames.len(),
         frames.len(),
@@ -81,18 +81,33 @@ fn headlines(Findings { calibration, frames, .. }: &Findings<'_>) -> Vec<Headlin
 
 fn advice(report: &mut Report, Findings { calibration, frames, .. }: &Findings<'_>) {
     report.heading("What would make it better");
-    if calibration.advice.is_empty() {
+    let unexplained = unexplained(calibration.reduced_chi2);
+    let advice: Vec<String> =
+        unexplained.into_iter().chain(calibration.advice.iter().map(|advice| sentence(advice))).collect();
+    if advice.is_empty() {
         report.paragraph(
             "Nothing stands out: the poses cover the depth range and the sensor, and determine every number.",
         );
     } else {
-        report.list(&calibration.advice.iter().map(|advice| sentence(advice)).collect::<Vec<_>>());
+        report.list(&advice);
     }
     if !calibration.faults.is_empty() {
         report.subheading("Frames left out");
         let line = |(frame, fault): &Fault| format!("{}: {fault}.", name(frames, *frame));
         report.list(&calibration.faults.iter().map(line).collect::<Vec<_>>());
     }
+}
+
+/// A warning where noise is far from all that is left.
+fn unexplained(reduced_chi2: f64) -> Option<String> {
+    const TIMES: f64 = 1.5;
+    let times = reduced_chi2.sqrt();
+    (times > TIMES).then(|| {
+        format!(
+            "Residuals are {times:.1} times what noise explains: the target, a frame or the model of the camera is not as \
+             stated. Patterns in the residuals below may tell which; the numbers deserve less trust than their deviations say."
+        )
+    })
 }
 
 /// With a capital and a full stop, but for a key, which keeps its letters.
@@ -124,21 +139,26 @@ fn numbers(report: &mut Report, calibration: &Calibration) {
     ];
     let row = |number: &Number| {
         let off = (number.value - number.expected) / number.tolerance;
+        // Without the sign of a rounded zero.
+        let rounded = (100.0 * off).round() / 100.0 + 0.0;
         [
             number.key.clone(),
-            measured(number.expected, number.tolerance),
+            stated(number.expected, number.tolerance),
             measured(number.value, number.std),
-            format!("{off:+.2}"),
-            number.left_open.as_ref().map(open).unwrap_or_default(),
+            format!("{rounded:+.2}"),
+            remark(number, off),
         ]
     };
     report.table(&columns, &calibration.numbers.iter().map(row).collect::<Vec<_>>());
 }
 
-fn open(left_open: &LeftOpen) -> String {
-    match left_open {
-        LeftOpen::Unseen => "not determined: the frames hardly depend on it".to_owned(),
-        LeftOpen::Tied { with, correlation } => {
+fn remark(number: &Number, off: f64) -> String {
+    const FAR: f64 = 3.0;
+    match &number.left_open {
+        None if off.abs() > FAR => "far from the data sheet".to_owned(),
+        None => String::new(),
+        Some(LeftOpen::Unseen) => "not determined: the frames hardly depend on it".to_owned(),
+        Some(LeftOpen::Tied { with, correlation }) => {
             format!("not determined: a change of {with} does about the same (correlation {correlation:.3})")
         }
     }
@@ -234,7 +254,7 @@ pub(super) mod tests {
             key: parameter.key(&instrument),
             expected: parameter.value(&instrument),
             tolerance: 1.0,
-            value: parameter.value(&instrument) + 0.5,
+            value: parameter.value(&instrument) + [0.5, 3.5, 0.0][k],
             std: 0.1,
             left_open: (k == 2).then_some(LeftOpen::Unseen),
         };
@@ -312,7 +332,7 @@ pub(super) mod tests {
     fn everything_that_was_found_is_told() {
         let html = html(&calibration());
         for text in [
-            "Computed on 2026-11-25 from 2 of 3 frames of a &lt;grid&gt;",
+            "Computed on 2026-11-25 from 2 of 3 frames of “a &lt;grid&gt;”",
             "<dd>0.0020 px</dd>",
             "<dd>4.2 µm</dd>",
             "<li>No pose is tilted.</li>",
@@ -321,6 +341,7 @@ pub(super) mod tests {
             "151.50 ± 0.10",
             "+0.50",
             "not determined: the frames hardly depend on it",
+            "far from the data sheet",
             "1.20 times those of noise alone",
             "-0.9500",
             "σ_z, µm",
@@ -340,7 +361,9 @@ pub(super) mod tests {
         little.advice.clear();
         little.rms_px = 0.0;
         little.offsets_mm = Some(Vec::new());
-        let html = html(&little);
-        assert!(html.contains("Nothing stands out") && !html.contains("NaN"), "{html}");
+        let page = html(&little);
+        assert!(page.contains("Nothing stands out") && !page.contains("NaN"), "{page}");
+        little.reduced_chi2 = 4.0;
+        assert!(html(&little).contains("<li>Residuals are 2.0 times what noise explains"));
     }
 }

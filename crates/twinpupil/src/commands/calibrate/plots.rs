@@ -28,11 +28,12 @@ pub(super) fn residual_maps(calibration: &Calibration, unit: PixelUnit) -> Vec<F
     let map = |band: usize| {
         let own: Vec<&Residual> = calibration.residuals.iter().filter(|residual| residual.band == band).collect();
         let (arrows, is_mean) = arrows(&own, size_px);
-        let svg = VectorMap::new(sensor, &arrows, colour(instrument.bands[band].role)).into_svg(unit.per_px, unit.name);
+        let svg =
+            VectorMap::new(sensor, &arrows, colour(instrument.bands[band].role)).into_svg(unit.per_px, &unit.suffix());
         let what = if is_mean { "the mean of spots close together" } else { "one spot" };
         let text = format!(
-            "Band {}, {} spots: how far they lie from where they should, over the sensor. Each arrow is {what}, with a \
-             length as told below.",
+            "Band {}, {} spots: how far they lie from where they should, over the sensor. Each arrow is {what}, \
+             enlarged as the key tells.",
             instrument.bands[band].name,
             own.len()
         );
@@ -66,6 +67,7 @@ fn arrows(residuals: &[&Residual], size_px: [f64; 2]) -> (Vec<Arrow>, bool) {
 
 /// What residuals are drawn over.
 const OVER: [&str; 3] = ["r, mm", "z, mm", "azimuth, °"];
+const AZIMUTH: usize = 2;
 
 /// The residuals over r, z and azimuth: outwards, then sideways.
 pub(super) fn trends(instrument: &Instrument, spots: &[Spot], unit: PixelUnit) -> Vec<Figure> {
@@ -78,6 +80,9 @@ fn trend(instrument: &Instrument, spots: &[Spot], unit: PixelUnit, reach_px: f64
     let direction = ["outwards", "sideways"][part];
     let mut chart = Chart::new(OVER[over], &format!("{direction}, {}", unit.name))
         .y_range(-unit.per_px * reach_px, unit.per_px * reach_px);
+    if over == AZIMUTH {
+        chart = chart.x_range(-180.0, 180.0);
+    }
     let of_band = |band: usize| -> Vec<[f64; 2]> {
         let own = spots.iter().filter(|spot| spot.band == band);
         own.map(|spot| [spot.place[over], unit.per_px * spot.off_px[part]]).collect()

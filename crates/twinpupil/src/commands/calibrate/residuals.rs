@@ -56,6 +56,11 @@ impl PixelUnit {
             _ => Self { per_px: 1.0, name: "px" },
         }
     }
+
+    /// What stands behind a number of it.
+    pub(super) fn suffix(self) -> String {
+        if self.per_px > 1.0 { format!("× {}", self.name) } else { self.name.to_owned() }
+    }
 }
 
 /// A mean with its own deviation, at the middle of what it is the mean of.
