@@ -43,9 +43,9 @@ impl Distortion {
         *self == Self::default()
     }
 
-    /// Where an ideal image point is imaged.
+    /// Where an ideal image point (x, y) is imaged, mm.
     #[inline]
-    pub(crate) fn map(&self, [x, y]: [f64; 2]) -> [f64; 2] {
+    pub fn map(&self, [x, y]: [f64; 2]) -> [f64; 2] {
         let Self { k1_per_mm2: k1, k2_per_mm4: k2, p1_per_mm: p1, p2_per_mm: p2 } = *self;
         let square = x * x + y * y;
         let scale = 1.0 + square * (k1 + k2 * square);

@@ -40,7 +40,7 @@ pub use geometry::{ImagePoint, PixelPoint};
 pub use instrument::{DepthRange, Instrument, InstrumentError, InstrumentSpec};
 pub use lens::{FresnelLens, GrooveSide, Lens, ThinLens};
 pub use mosaic::{Mosaic, Polarizers, Site};
-pub use page::{Focus, Page};
+pub use page::Page;
 pub use parameter::{DistortionTerm, Parameter};
 pub use projection::{Chief, Projection, position_from_radii_mm};
 pub use registration::Registration;

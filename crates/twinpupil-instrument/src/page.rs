@@ -21,7 +21,7 @@ use crate::{Band, Distortion, ImagePoint, PixelPoint, Projection, Sensor};
 /// p₀ = (p − A δ c)/(1 + B δ)        A = 1/α L,  B = (1 + d/α L)/L,  α = 1 − d/L, or 1 − d (1/L − 1/f) for d < 0
 /// ```
 ///
-/// which is a homography. Light out of focus is met by the sensor nearer or farther along its rays: [`Page::focus`].
+/// which is a homography. Light out of focus is met by the sensor nearer or farther along its rays: [`Page::drift`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Page {
     distortion: Distortion,
@@ -41,19 +41,11 @@ pub struct Page {
 struct Tilt {
     /// τ.
     slope: [f64; 2],
-    /// A c.
+    /// A, 1/mm, and A c.
+    per_pupil: f64,
     sideways: [f64; 2],
     /// B, 1/mm.
     approach: f64,
-}
-
-/// Where the sensor meets the light of an image point.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Focus {
-    /// Distance of the sensor from the rear principal plane, mm.
-    pub distance_mm: f64,
-    /// Size on the page of a small disc of light across the axis there, px/mm: the mean over its directions.
-    pub px_per_mm: f64,
 }
 
 /// Rows of a 2×2 matrix.
@@ -110,14 +102,22 @@ impl Page {
         inverse(self.px_per_mm(self.to_image(pixel)))
     }
 
-    /// Where the sensor meets the light of an image point.
+    /// Distance of the sensor from the rear principal plane where the chief ray of an image point meets it, mm.
     #[inline]
-    pub fn focus(&self, image: ImagePoint) -> Focus {
-        let plane = self.distorted([image.x_mm, image.y_mm]);
-        let growth_mm = self.tilt.growth_mm(plane);
-        // The light is as wide as where it is met, not as its chief rays make the picture.
-        let area_px2 = determinant(self.px_per_mm(image)).abs() * self.tilt.area(growth_mm).abs();
-        Focus { distance_mm: self.sensor_distance_mm + growth_mm, px_per_mm: area_px2.sqrt() }
+    pub fn distance_mm(&self, image: ImagePoint) -> f64 {
+        self.sensor_distance_mm + self.tilt.growth_mm(self.distorted([image.x_mm, image.y_mm]))
+    }
+
+    /// How far a ray from where an image point is seen crosses the plane at L beside the chief ray, over how far it
+    /// crosses the pupil beside the centre: light out of focus is met by a tilted sensor nearer or farther along its rays.
+    ///
+    /// ```text
+    /// ∂p₀/∂c = −A δ/(1 + B δ)/c
+    /// ```
+    #[inline]
+    pub fn drift(&self, image: ImagePoint) -> f64 {
+        let growth_mm = self.tilt.growth_mm(self.distorted([image.x_mm, image.y_mm]));
+        -self.tilt.per_pupil * growth_mm / (1.0 + self.tilt.approach * growth_mm)
     }
 
     /// How far the middle of an area's image lies beside the image of its middle, px, since the map bends: for an area
@@ -147,15 +147,17 @@ impl Page {
         })
     }
 
-    /// Whether the map is a sensor's own across the axis, upright, and nothing else.
-    pub fn is_plain(&self) -> bool {
-        let [[a, b, _], [c, d, _], last] = self.px_from_plane.rows;
+    /// Where the axis is on the page, and its mean width of a pixel, mm, if the map is an upright raster across the axis
+    /// and nothing else.
+    pub fn raster(&self) -> Option<(PixelPoint, f64)> {
+        let [[a, b, u], [c, d, v], last] = self.px_from_plane.rows;
         let upright = a == d && a > 0.0 && [b, c] == [0.0; 2] && last == [0.0, 0.0, 1.0];
-        upright && !self.is_distorted && self.tilt.slope == [0.0; 2]
+        let plain = upright && !self.is_distorted && self.tilt.slope == [0.0; 2];
+        plain.then_some((PixelPoint { u, v }, 1.0 / a))
     }
 
     /// Whether equal steps on the image plane are equal steps on the page.
-    fn is_affine(&self) -> bool {
+    pub fn is_affine(&self) -> bool {
         let [g, h, _] = self.px_from_plane.rows[2];
         !self.is_distorted && [g, h] == [0.0; 2]
     }
@@ -177,8 +179,8 @@ impl Page {
         [0, 1].map(|j| lens[j] + projected[0] * slope[0][j] + projected[1] * slope[1][j])
     }
 
-    /// Second derivatives of the place on the page, px/mm².
-    fn second_derivatives(&self, image: ImagePoint) -> [[f64; 3]; 2] {
+    /// Second derivatives of the place on the page by the ideal image point: by x twice, by x and y, by y twice, px/mm².
+    pub fn second_derivatives(&self, image: ImagePoint) -> [[f64; 3]; 2] {
         let ideal = [image.x_mm, image.y_mm];
         let plane = self.distorted(ideal);
         let projected = self.px_from_plane.second_derivatives(plane);
@@ -293,9 +295,14 @@ impl Tilt {
     fn of(sensor: &Sensor, projection: &Projection) -> Self {
         let Projection { focal_length_mm: f, sensor_distance_mm: l, pupil_position_mm: d, pupil_centre_mm, .. } =
             *projection;
+        let slope = sensor.slope();
+        if slope == [0.0; 2] {
+            return Self { slope, per_pupil: 0.0, sideways: [0.0; 2], approach: 0.0 };
+        }
         let alpha = if d >= 0.0 { 1.0 - d / l } else { 1.0 - d * (1.0 / l - 1.0 / f) };
         Self {
-            slope: sensor.slope(),
+            slope,
+            per_pupil: 1.0 / (alpha * l),
             sideways: pupil_centre_mm.map(|centre| centre / (alpha * l)),
             approach: (1.0 + d / (alpha * l)) / l,
         }
@@ -315,14 +322,6 @@ impl Tilt {
         let along = |k: usize| self.sideways[k] + self.approach * plane[k];
         let rise = self.slope[0] * plane[0] + self.slope[1] * plane[1];
         rise / (1.0 - self.slope[0] * along(0) - self.slope[1] * along(1))
-    }
-
-    /// Area on the plane at L over the area on the sensor of the chief rays' picture.
-    #[inline]
-    fn area(&self, growth_mm: f64) -> f64 {
-        let ([x, y], [sx, sy]) = (self.sideways, self.slope);
-        let weight = 1.0 + self.approach * growth_mm;
-        (1.0 - x * sx - y * sy) / (weight * weight * weight)
     }
 }
 
@@ -462,8 +461,12 @@ mod tests {
             let expected = [dot(from_axis(met), e_u), dot(from_axis(met), e_v)].map(|along_mm| along_mm / 0.00586);
             prop_assert!((found.u - 959.5 - expected[0]).abs() < 1e-7, "{found:?} {expected:?}");
             prop_assert!((found.v - 599.5 - expected[1]).abs() < 1e-7, "{found:?} {expected:?}");
-            let focus = page.focus(ImagePoint { x_mm, y_mm });
-            prop_assert!((focus.distance_mm - met[2]).abs() < 1e-9);
+            let image = ImagePoint { x_mm, y_mm };
+            prop_assert!((page.distance_mm(image) - met[2]).abs() < 1e-9);
+            // The ray to the same place of the sensor from 0.1 mm beside the pupil's centre.
+            let beside = [pupil[0] - 0.1, pupil[1], pupil[2]];
+            let crossed_mm = beside[0] + (met[0] - beside[0]) * (151.0 - 100.0) / (met[2] - 100.0);
+            prop_assert!((page.drift(image) - (crossed_mm - x_mm) / 0.1).abs() < 1e-9);
         }
     }
 
@@ -474,25 +477,10 @@ mod tests {
         let image = ImagePoint { x_mm: 2.3, y_mm: -1.1 };
         let (found, expected) = (page.to_page(image), instrument.sensor.pixel_from_image(image));
         assert!((found.u - expected.u).abs() < 1e-10 && (found.v - expected.v).abs() < 1e-10);
-        assert!(page.is_plain() && page.bend_px(image, [1.0, 0.0, 1.0]) == [0.0; 2]);
-        let focus = page.focus(image);
-        assert!((focus.distance_mm, (focus.px_per_mm * 0.00586 - 1.0).abs() < 1e-12) == (151.0, true));
-        assert!(pages(&askew()).iter().all(|page| !page.is_plain()));
-    }
-
-    #[test]
-    fn light_is_as_wide_as_where_the_sensor_meets_it() {
-        let mut spec = paper::instrument().into_spec();
-        spec.sensor.tilt_deg = [5.0, 0.0];
-        let instrument = Instrument::new(spec).expect("legal");
-        let page = instrument.page(&instrument.bands[0]);
-        let focus = page.focus(ImagePoint { x_mm: 4.0, y_mm: 0.0 });
-        // x (1 + δ/51) = x + …, δ = tan 5° x: 4/(1 − 4 tan 5°/51) off the axis on the sensor.
-        let slope = 5.0_f64.to_radians().tan();
-        assert!((focus.distance_mm - 151.0 - slope * 4.0 / (1.0 - slope * 4.0 / 51.0)).abs() < 1e-12);
-        // The surface is foreshortened one way.
-        let cos = 5.0_f64.to_radians().cos();
-        assert!((focus.px_per_mm * 0.00586 - (1.0 / cos).sqrt()).abs() < 1e-12);
+        let (axis, pitch_mm) = page.raster().expect("plain");
+        assert!((axis.u - 959.5).abs() + (axis.v - 599.5).abs() < 1e-9 && (pitch_mm - 0.00586).abs() < 1e-15);
+        assert!(page.bend_px(image, [1.0, 0.0, 1.0]) == [0.0; 2] && page.drift(image) == 0.0);
+        assert!(pages(&askew()).iter().all(|page| page.raster().is_none()));
     }
 
     /// The middle of the image of a disc of even light, by many of its points.

@@ -57,12 +57,6 @@ impl Registration {
         self.homography.jacobian([at.u, at.v])
     }
 
-    /// The shift, px, if it is nothing else.
-    pub fn shift_px(&self) -> Option<[f64; 2]> {
-        let [[a, b, u], [c, d, v], last] = self.homography.rows;
-        ([[a, b], [c, d]] == [[1.0, 0.0], [0.0, 1.0]] && last == [0.0, 0.0, 1.0]).then_some([u, v])
-    }
-
     /// Area on the reference frame of a pixel of the page, px².
     pub fn area_px2(&self, at: PixelPoint) -> f64 {
         let [[a, b], [c, d]] = self.jacobian(at);

@@ -59,8 +59,11 @@ pub struct BandResponse {
     /// Values at z node `k`, r node `i` stand at index `k · r_mm.count + i`.
     pub nodes: Vec<PointResponse>,
     /// Light on the sensor from an evenly bright ground, relative to the unclipped pupil, at the nodes of
-    /// `image_radius_mm`: about the axis the masks shade it, at whatever distance it lies.
+    /// `image_radius_mm` from `ground_centre_mm`, about which the masks shade it, at whatever distance it lies.
     pub ground: Vec<f64>,
+    /// Image point whose rays through the middle of the pupil meet the middle of the mask that shades it: that of the axis
+    /// unless masks are off it.
+    pub ground_centre_mm: [f64; 2],
 }
 
 /// Throughput and image displacement of object points over (r, z), for every band, about the optical axis.
@@ -70,7 +73,7 @@ pub struct ResponseTable {
     pub r_mm: Grid,
     /// Distance from the lens, mm.
     pub z_mm: Grid,
-    /// Distance from the axis on the sensor, mm.
+    /// Distance on the ideal image plane from the middle of a band's shade, mm.
     pub image_radius_mm: Grid,
     /// In the order of the instrument's bands.
     pub bands: Vec<BandResponse>,
@@ -103,14 +106,14 @@ impl ResponseTable {
         ]
     }
 
-    /// Light of an evenly bright ground at a distance from the axis on the sensor, linear between nodes.
+    /// Light of an evenly bright ground at a distance from the middle of its shade, linear between nodes.
     pub fn ground(&self, band: usize, image_radius_mm: f64) -> f64 {
         let (i, fraction) = self.image_radius_mm.locate(image_radius_mm);
         let ground = &self.bands[band].ground;
         ground[i] + fraction * (ground[i + 1] - ground[i])
     }
 
-    /// Distance from the axis on the sensor beyond which the ground is not shaded, mm.
+    /// Distance from the middle of its shade beyond which the ground is not shaded, mm.
     pub fn ground_clear_mm(&self, band: usize) -> f64 {
         let last_shaded = self.bands[band].ground.iter().rposition(|light| *light != 1.0);
         last_shaded.map_or(0.0, |node| self.image_radius_mm.node(node + 1))
@@ -146,7 +149,13 @@ mod tests {
             })
             .collect();
         let image_radius_mm = Grid::spanning(0.0, 2.0, 3);
-        let band = BandResponse { band: "a".to_owned(), focal_length_mm: 100.0, nodes, ground: vec![0.0, 0.5, 1.0] };
+        let band = BandResponse {
+            band: "a".to_owned(),
+            focal_length_mm: 100.0,
+            nodes,
+            ground: vec![0.0, 0.5, 1.0],
+            ground_centre_mm: [0.0; 2],
+        };
         let table = ResponseTable { r_mm, z_mm, image_radius_mm, bands: vec![band] };
         assert_eq!((table.ground(0, 0.5), table.ground(0, 9.0)), (0.25, 1.0));
         assert_eq!(table.ground_clear_mm(0), 2.0);

@@ -196,6 +196,12 @@ impl BandOptics {
         self.masks.point_image(object_mm)
     }
 
+    /// Image point whose rays through the middle of the pupil meet the middle of the mask that shades the ground about it,
+    /// mm: that of the axis unless masks are off it. To first order.
+    pub fn shade_centre_mm(&self) -> [f64; 2] {
+        self.masks.shade_centre_mm()
+    }
+
     /// Radius about the axis at distance `z_mm` inside which other masks clip the band's pupil, mm: 0 if it is clear
     /// on the axis, infinite if it is clear nowhere. To first order, along +x.
     pub fn clip_radius_mm(&self, z_mm: f64) -> f64 {

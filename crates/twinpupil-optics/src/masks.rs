@@ -62,6 +62,27 @@ impl Masks {
         }
     }
 
+    /// Image point whose rays through the middle of the pupil meet the middle of another mask that is shut there.
+    ///
+    /// From the physical sensor point s through the lens point a a ray stands at `h = α a + t/L s`; through the middle c
+    /// of the pupil `a = (c − d/L s)/α_d`, so with s = −p it meets the middle of another mask for
+    ///
+    /// ```text
+    /// p = (α_t c_d − α_d c_t)/(α_d t/L − α_t d/L)
+    /// ```
+    pub(crate) fn shade_centre_mm(&self) -> [f64; 2] {
+        let pupil = self.pupil();
+        let is_shut = |stop: &&Stop| stop.rings.iter().all(|ring| ring.inner_mm > 0.0);
+        let Some(mask) = self.stops.iter().filter(|stop| !std::ptr::eq(*stop, pupil)).find(is_shut) else {
+            return [0.0; 2];
+        };
+        let [(alpha_d, beta_d), (alpha_t, beta_t)] = [pupil, mask]
+            .map(|stop| (self.sensor_pencil(stop.position_mm), stop.position_mm / self.sensor_distance_mm));
+        let per_image = alpha_d * beta_t - alpha_t * beta_d;
+        let centre = |axis: usize| (alpha_t * pupil.centre_mm[axis] - alpha_d * mask.centre_mm[axis]) / per_image;
+        if per_image == 0.0 { [0.0; 2] } else { [centre(0), centre(1)] }
+    }
+
     /// Light of an object point that passes all apertures, and where it lands, exactly.
     pub(crate) fn point_image(&self, object_mm: [f64; 3]) -> PointImage {
         let [x_mm, y_mm, z_mm] = object_mm;

@@ -25,6 +25,7 @@ pub fn response_table(camera: &Camera, r_mm: Grid, z_mm: Grid, image_radius_mm: 
         focal_length_mm: optics.focal_length_mm(),
         nodes: (0..r_mm.count * z_mm.count).into_par_iter().map(|index| node(optics, index)).collect(),
         ground: (0..image_radius_mm.count).into_par_iter().map(|i| ground(optics, image_radius_mm.node(i))).collect(),
+        ground_centre_mm: optics.shade_centre_mm(),
     });
     ResponseTable { r_mm, z_mm, image_radius_mm, bands: bands.collect() }
 }
@@ -39,7 +40,7 @@ pub fn response_table_for(instrument: &Instrument) -> Result<ResponseTable, Opti
 /// Radii at which the light of an even ground is tabulated by default.
 const GROUND_NODES: usize = 257;
 
-/// Mean weight of rays spread evenly over the pupil from a point of the sensor, along +x: the light of an evenly bright
+/// Mean weight of rays spread evenly over the pupil from a point of the sensor, along +x from the middle of the shade: the light of an evenly bright
 /// ground, which does not depend on where the ground lies.
 fn ground(optics: &BandOptics, image_radius_mm: f64) -> f64 {
     const RAYS: usize = 2048;
@@ -50,7 +51,8 @@ fn ground(optics: &BandOptics, image_radius_mm: f64) -> f64 {
         (radius * cos, radius * sin)
     };
     let (pupil_x, pupil_y): (Vec<f64>, Vec<f64>) = (0..RAYS).map(point).unzip();
-    let (image_x_mm, image_y_mm) = (vec![image_radius_mm; RAYS], vec![0.0; RAYS]);
+    let [x_mm, y_mm] = optics.shade_centre_mm();
+    let (image_x_mm, image_y_mm) = (vec![x_mm + image_radius_mm; RAYS], vec![y_mm; RAYS]);
     let starts = RayStarts { image_x_mm: &image_x_mm, image_y_mm: &image_y_mm, pupil_x: &pupil_x, pupil_y: &pupil_y };
     let mut rays = ObjectRays::default();
     optics.trace(starts, &mut rays, &mut RayLedger::default());

@@ -268,3 +268,34 @@ fn the_table_of_the_paper_is_first_order_outside_the_clip_radius() {
         }
     }
 }
+
+/// Masks off the axis shade the ground about a point off the axis, and evenly all round it.
+#[test]
+fn the_ground_is_shaded_about_where_the_masks_meet() {
+    const RAYS: usize = 4096;
+    let mut spec = paper::instrument().into_spec();
+    spec.apertures[0].centre_mm = [0.4, -0.2];
+    spec.apertures[1].centre_mm = [-0.1, 0.3];
+    let instrument = Instrument::new(spec).unwrap();
+    let table = twinpupil_optics::response_table_for(&instrument).unwrap();
+    let camera = Camera::new(&instrument).unwrap();
+    let turn = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
+    let place = |k: usize| ((k as f64 + 0.5) / RAYS as f64).sqrt();
+    let pupil_x: Vec<f64> = (0..RAYS).map(|k| place(k) * (turn * k as f64).cos()).collect();
+    let pupil_y: Vec<f64> = (0..RAYS).map(|k| place(k) * (turn * k as f64).sin()).collect();
+    for (band, optics) in camera.bands().iter().enumerate() {
+        let [x_mm, y_mm] = table.bands[band].ground_centre_mm;
+        assert!(x_mm.hypot(y_mm) > 0.1, "{x_mm} {y_mm}");
+        for (azimuth_rad, radius_mm) in [(0.3_f64, 0.4), (2.0, 0.4), (4.4, 0.9), (5.5, 0.9)] {
+            let (sin, cos) = azimuth_rad.sin_cos();
+            let (image_x_mm, image_y_mm) = (vec![x_mm + radius_mm * cos; RAYS], vec![y_mm + radius_mm * sin; RAYS]);
+            let starts =
+                RayStarts { image_x_mm: &image_x_mm, image_y_mm: &image_y_mm, pupil_x: &pupil_x, pupil_y: &pupil_y };
+            let mut rays = ObjectRays::default();
+            optics.trace(starts, &mut rays, &mut RayLedger::default());
+            let light = rays.weight.iter().sum::<f64>() / RAYS as f64;
+            let expected = table.ground(band, radius_mm);
+            assert!((light - expected).abs() < 0.01 && expected < 0.95, "{band} {radius_mm}: {light} {expected}");
+        }
+    }
+}

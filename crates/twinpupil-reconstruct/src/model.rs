@@ -386,6 +386,7 @@ mod tests {
             focal_length_mm: 100.0,
             nodes: nodes.clone(),
             ground: vec![1.0; 2],
+            ground_centre_mm: [0.0; 2],
         };
         let image_radius_mm = Grid::spanning(0.0, 10.0, 2);
         ResponseTable { r_mm, z_mm, image_radius_mm, bands: ["red", "blue"].map(band).to_vec() }

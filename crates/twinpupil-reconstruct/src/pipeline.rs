@@ -23,7 +23,7 @@ use crate::noise::{Noise, NoiseSource};
 use crate::planes::Planes;
 use crate::position::{Position, Sighting, first_order_position_mm, gamma, model_position, paper_position};
 use crate::quantile::median;
-use crate::register::{mapped_centre, onto_reference};
+use crate::register::Register;
 use crate::rejection::{Rejection, RejectionReason};
 use crate::shading::Shading;
 use crate::slope::{NEIGHBOURS, Slopes};
@@ -111,15 +111,6 @@ pub enum ReconstructError {
         found_px: [usize; 2],
         /// Columns and rows of the sensor.
         sensor_px: [usize; 2],
-    },
-    /// A band whose pixels stand turned or scaled, in model mode.
-    #[error(
-        "`band[{band}].registration` turns or scales; legal in model mode: a shift alone \
-         ([[1, 0, u], [0, 1, v], [0, 0, 1]]), or another mode"
-    )]
-    Registration {
-        /// Index of the band.
-        band: usize,
     },
 }
 
@@ -235,6 +226,7 @@ pub struct Reconstructor {
     forward: ForwardModel,
     options: Options,
     /// In the order of the model's bands.
+    registers: Vec<Register>,
     shadings: Vec<OnceLock<Shading>>,
     crosstalk: Option<Crosstalk>,
     calibrated: OnceLock<Option<Calibrated>>,
@@ -250,12 +242,15 @@ impl Reconstructor {
         let table = table.filter(|_| options.mode != Mode::Paper);
         let forward = ForwardModel::new(&instrument, table.as_ref(), &instrument.bands_by_role());
         let model = Model::new(&instrument, table);
-        let shadings = vec![OnceLock::new(); model.bands()];
+        let register = |band: usize| Register::new(&instrument.sensor, instrument.page(&instrument.bands[band]));
+        let registers: Vec<Register> = (0..model.bands()).map(|band| register(model.index(band))).collect();
+        let shadings = vec![OnceLock::new(); registers.len()];
         Self {
             instrument,
             model,
             forward,
             options,
+            registers,
             shadings,
             crosstalk: None,
             calibrated: OnceLock::new(),
@@ -362,7 +357,6 @@ impl Reconstructor {
         }
         self.placed(detections, placing);
         if self.options.mode == Mode::Model {
-            self.check_registrations()?;
             let views =
                 (0..bands).map(|band| planes.of_band(self.index(band))).collect::<Result<SmallVec<[_; 2]>, _>>()?;
             self.refine(&views, detections, placing, fitting);
@@ -374,14 +368,6 @@ impl Reconstructor {
         let found_px = [frame.width_px(), frame.height_px()];
         let sensor_px = self.instrument.sensor.size_px;
         if found_px == sensor_px { Ok(()) } else { Err(ReconstructError::Size { found_px, sensor_px }) }
-    }
-
-    /// The fit of pixels knows sensors that are shifted against each other, not turned or scaled.
-    fn check_registrations(&self) -> Result<(), ReconstructError> {
-        match self.instrument.bands.iter().position(|band| band.registration.shift_px().is_none()) {
-            Some(band) => Err(ReconstructError::Registration { band }),
-            None => Ok(()),
-        }
     }
 
     /// Places points anew by what all pixels say.
@@ -427,7 +413,7 @@ impl Reconstructor {
         let mut measured = Detection::default();
         let options = DetectOptions { estimator: Estimator::Cartesian, ..self.options.detect };
         Detector::new(options).detect_shaded(plane, Some(noise), self.shading(band, plane), &mut measured);
-        onto_reference(&mut measured, &self.band(band).registration);
+        self.registers[band].onto_image_plane(&mut measured);
         let mut found = found.clone();
         for feature in &mut found.features {
             let away_px =
@@ -479,8 +465,7 @@ impl Reconstructor {
         let features = features.chain(further.iter_mut().map(Option::as_mut)).enumerate();
         for ((band, feature), own) in features.zip(&refined.centres) {
             if let (Some(feature), Some(own)) = (feature, own) {
-                let registration = &self.band(band).registration;
-                (feature.centre, feature.centre_std_px) = mapped_centre(own.centre, own.std_px, registration);
+                (feature.centre, feature.centre_std_px) = self.registers[band].mapped_centre(own.centre, own.std_px);
             }
         }
         // Every band tells a centre and a size, of which four numbers are the dot's.
@@ -525,8 +510,19 @@ impl Reconstructor {
             for (mut feature, is_cut) in alone.chain(bystanders) {
                 let m = self.model.magnification(band, z_mm);
                 if let Some(diameter_mm) = diameter_mm.filter(|_| is_cut) {
-                    let diameter_px = diameter_mm * m.abs() / self.instrument.sensor.pitch_mm;
-                    complete(&mut feature, diameter_px, height_codes, self.instrument.sensor.size_px);
+                    // The border is the page's.
+                    let register = &self.registers[band];
+                    feature = register.on_page(&feature);
+                    let pitch_mm = self.instrument.sensor.pitch_mm * register.area_px2(feature.centre).sqrt();
+                    complete(
+                        &mut feature,
+                        diameter_mm * m.abs() / pitch_mm,
+                        height_codes,
+                        self.instrument.sensor.size_px,
+                    );
+                    if !register.is_identity() {
+                        feature = register.mapped(&feature);
+                    }
                 }
                 let feature = &feature;
                 let image = self.instrument.sensor.image_from_pixel(feature.centre);
@@ -603,7 +599,7 @@ impl Reconstructor {
         };
         detector.options = DetectOptions { estimator, ..self.options.detect };
         detector.detect_shaded(&plane, Some(&noise), self.shading(band, &plane), detection);
-        onto_reference(detection, &stated.registration);
+        self.registers[band].onto_image_plane(detection);
         Ok(())
     }
 
@@ -611,7 +607,7 @@ impl Reconstructor {
     /// planes of another size.
     fn shading(&self, band: usize, plane: &PlaneView<'_>) -> Option<&Shading> {
         let (table, index) = self.model.table(band)?;
-        let shading = self.shadings[band].get_or_init(|| Shading::of(table, index, &self.instrument, plane));
+        let shading = self.shadings[band].get_or_init(|| Shading::of(table, index, &self.registers[band], plane));
         shading.fits(plane).then_some(shading)
     }
 

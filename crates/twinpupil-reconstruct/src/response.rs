@@ -127,6 +127,7 @@ mod tests {
             focal_length_mm: 100.0,
             nodes: (0..15).map(node).collect(),
             ground: vec![1.0; 2],
+            ground_centre_mm: [0.0; 2],
         };
         let table = ResponseTable { r_mm, z_mm, image_radius_mm: Grid::spanning(0.0, 2.0, 2), bands: vec![band] };
         let response = Response::of(&table, 0);

@@ -1,7 +1,8 @@
-//! What the masks leave of an evenly bright ground: a dark spot about the axis, known from the optics.
+//! What the masks leave of an evenly bright ground: a dark spot near the axis, known from the optics.
 
-use twinpupil_instrument::{Instrument, PixelPoint, PlaneView, ResponseTable};
+use twinpupil_instrument::{ImagePoint, PixelPoint, PlaneView, ResponseTable};
 
+use crate::register::Register;
 use crate::surface::Sample;
 
 /// Share of the ground's light in every pixel of a plane, row by row.
@@ -16,22 +17,23 @@ const SHARE_MIN: f32 = 0.5;
 
 impl Shading {
     /// The shading of a band's plane, whose values stand in the table at the index that the band has in the instrument.
-    pub(crate) fn of(table: &ResponseTable, band: usize, instrument: &Instrument, plane: &PlaneView<'_>) -> Self {
+    pub(crate) fn of(table: &ResponseTable, band: usize, register: &Register, plane: &PlaneView<'_>) -> Self {
         let clear_mm = table.ground_clear_mm(band);
-        let registration = instrument.bands[band].registration;
+        let centre_mm = table.bands[band].ground_centre_mm;
+        let [low, high] = bounds(register, centre_mm, clear_mm);
         let mut shares = vec![1.0; plane.columns * plane.rows];
         for (row, line) in shares.chunks_exact_mut(plane.columns).enumerate() {
             let v = plane.frame_v_px(row as f64);
-            let at = |column: usize| {
-                let own = PixelPoint { u: plane.frame_u_px(column as f64), v };
-                instrument.sensor.image_from_pixel(registration.map(own))
-            };
-            // Rows of the reference frame run along x; those of another sensor may not.
-            if registration.is_identity() && at(0).y_mm.abs() > clear_mm {
+            if !(low.v..=high.v).contains(&v) {
                 continue;
             }
             for (column, share) in line.iter_mut().enumerate() {
-                let radius_mm = at(column).radius_mm();
+                let u = plane.frame_u_px(column as f64);
+                if !(low.u..=high.u).contains(&u) {
+                    continue;
+                }
+                let ImagePoint { x_mm, y_mm } = register.page().to_image(PixelPoint { u, v });
+                let radius_mm = (x_mm - centre_mm[0]).hypot(y_mm - centre_mm[1]);
                 if radius_mm <= clear_mm {
                     *share = table.ground(band, radius_mm) as f32;
                 }
@@ -65,4 +67,23 @@ impl Shading {
             share >= SHARE_MIN
         });
     }
+}
+
+/// Corners of a rectangle of a page that holds all of a disc of image points.
+fn bounds(register: &Register, centre_mm: [f64; 2], radius_mm: f64) -> [PixelPoint; 2] {
+    const STEPS: usize = 64;
+    // Between so many points a circle bulges by a thousandth of its radius.
+    const MARGIN: f64 = 1.01;
+    let places = (0..STEPS).map(|step| {
+        let (sin, cos) = (std::f64::consts::TAU * step as f64 / STEPS as f64).sin_cos();
+        let along = |centre: f64, share: f64| centre + MARGIN * radius_mm * share;
+        register.page().to_page(ImagePoint { x_mm: along(centre_mm[0], cos), y_mm: along(centre_mm[1], sin) })
+    });
+    let nowhere = [f64::INFINITY, f64::NEG_INFINITY].map(|end| PixelPoint { u: end, v: end });
+    places.fold(nowhere, |[low, high], place| {
+        [
+            PixelPoint { u: low.u.min(place.u), v: low.v.min(place.v) },
+            PixelPoint { u: high.u.max(place.u), v: high.v.max(place.v) },
+        ]
+    })
 }

@@ -42,13 +42,28 @@ pub(crate) struct Disc {
     radius_mm: f64,
     /// Width of a ray's shadow across the axis, w.
     pub(crate) shadow_mm: f64,
+    /// Unit vector along the rows of pixels.
+    along_rows: [f64; 2],
 }
 
 impl Disc {
     /// `dot` seen by rays whose shadow on it is `shadow_mm` wide.
     pub(crate) fn new(dot: &Dot, shadow_mm: f64) -> Self {
         let ([x_mm, y_mm, z_mm], [nx, ny, nz]) = (dot.centre_mm, dot.normal);
-        Self { x_mm, y_mm, z_mm, slope: [-nx / nz, -ny / nz], radius_mm: dot.radius_mm(), shadow_mm }
+        Self {
+            x_mm,
+            y_mm,
+            z_mm,
+            slope: [-nx / nz, -ny / nz],
+            radius_mm: dot.radius_mm(),
+            shadow_mm,
+            along_rows: [1.0, 0.0],
+        }
+    }
+
+    /// Seen by pixels whose rows run along a unit vector.
+    pub(crate) fn turned(self, along_rows: [f64; 2]) -> Self {
+        Self { along_rows, ..self }
     }
 
     /// Adds to `coverage`, ray by ray, how much this dot covers.
@@ -92,7 +107,9 @@ impl Disc {
         let trace = 2.0 + 2.0 * (kx * sx + ky * sy) + ray_square * (kx * kx + ky * ky);
         let shrunk = (1.0 - (trace - along_normal) * w * w / (12.0 * r * r)).max(0.0).sqrt();
         let bend = (0.5 * (along_normal - growth * growth) * w / (growth * r)).clamp(0.0, Shadow::BEND_MAX);
-        let (long, short) = (nx.abs().max(ny.abs()), nx.abs().min(ny.abs()));
+        let [cos, sin] = self.along_rows;
+        let (across, along) = ((cos * nx + sin * ny).abs(), (cos * ny - sin * nx).abs());
+        let (long, short) = (across.max(along), across.min(along));
         Shadow {
             width_mm: w * growth,
             is_small,

@@ -26,6 +26,7 @@ mod scene;
 mod sensitivity;
 mod sensor;
 mod simulate;
+mod surface;
 mod texture;
 
 pub use bound::{Bound, DotInformation, dot_bounds};

@@ -1,7 +1,7 @@
 //! The light that every pixel receives in every band, integrated over the pupil and the pixel.
 
 use rayon::prelude::*;
-use twinpupil_instrument::{ImagePoint, Instrument, PixelPoint, Projection, Registration, Sensor};
+use twinpupil_instrument::{Band, ImagePoint, Instrument, PixelPoint, Projection, Registration, Sensor};
 use twinpupil_optics::{BandOptics, Camera, Footprint, ObjectRays, RayLedger, RayStarts};
 
 use crate::bundle::{Bundle, Sight};
@@ -15,6 +15,7 @@ use crate::progress::Progress;
 use crate::ray::Ray;
 use crate::sampling::{PUPIL_SAMPLES_MAX, SampleBank, SampleSet, pupil_cell};
 use crate::scene::Scene;
+use crate::surface::{Start, Surface};
 use crate::texture::Texture;
 
 /// Side of the squares of pixels that are first looked at as a whole, px.
@@ -48,8 +49,10 @@ const FINENESS: usize = 4;
 pub(crate) struct BandView<'a> {
     pub(crate) optics: &'a BandOptics,
     projection: Projection,
-    /// Mean width of a pixel, mm.
+    surface: Surface,
+    /// Mean width of a pixel, mm, and the unit vector along the rows of pixels.
     pitch_mm: f64,
+    along_rows: [f64; 2],
     pupil_samples: usize,
     /// In the order of the scene's dots.
     pub(crate) discs: Vec<Disc>,
@@ -83,6 +86,22 @@ pub(crate) struct Workspace {
     ledger: RayLedger,
 }
 
+/// Corners of a rectangle, from its middle and in its width and height.
+const CORNERS: [[f64; 2]; 4] = [[-0.5, -0.5], [0.5, -0.5], [-0.5, 0.5], [0.5, 0.5]];
+
+/// Centre and radius of the disc of the ideal image plane from which the rays of a rectangle of pixels start, given its
+/// middle and its corners.
+fn reach_of(surface: &Surface, middle: PixelPoint, corners: [PixelPoint; 4]) -> (ImagePoint, f64) {
+    // Between the corners the map bends by far less.
+    const MARGIN: f64 = 1.01;
+    let centre = surface.start(middle).centre;
+    let reach_mm = corners.map(|corner| {
+        let start = surface.start(corner);
+        (start.centre.x_mm - centre.x_mm).hypot(start.centre.y_mm - centre.y_mm) + start.reach_mm()
+    });
+    (centre, MARGIN * reach_mm.into_iter().fold(0.0, f64::max))
+}
+
 /// Which pixels of a 2×2 cell are wanted, by row and column.
 pub(crate) type WantedCell = [[bool; 2]; 2];
 
@@ -97,8 +116,15 @@ impl<'a> Renderer<'a> {
     ) -> Self {
         let sensor = &instrument.sensor;
         let [u, v] = sensor.size_px.map(|size| 0.5 * (size as f64 - 1.0));
-        let pitch_mm = sensor.pitch_mm * registration.area_px2(PixelPoint { u, v }).sqrt();
-        let view = |(band, optics)| BandView::new(optics, instrument.projection(band), pitch_mm, scene, pupil_samples);
+        let middle = PixelPoint { u, v };
+        let pitch_mm = sensor.pitch_mm * registration.area_px2(middle).sqrt();
+        let [[x, _], [y, _]] = registration.jacobian(middle);
+        let along_rows = [x / x.hypot(y), y / x.hypot(y)];
+        let view = |(band, optics): (&Band, &'a BandOptics)| {
+            let projection = instrument.projection(band);
+            let surface = Surface::new(sensor, band, registration, &projection, optics.focal_length_mm());
+            BandView::new(optics, projection, surface, (pitch_mm, along_rows), scene, pupil_samples)
+        };
         Self {
             scene,
             sensor,
@@ -142,7 +168,7 @@ impl<'a> Renderer<'a> {
         let width_px = self.sensor.size_px[0];
         let [column_first, row_first] = first;
         let columns = column_first..width_px.min(column_first + TILE_PX);
-        let (centre, radius_mm) = self.disc(first, [columns.len(), rows.len() / width_px]);
+        let (centre, radius_mm) = self.disc(band, first, [columns.len(), rows.len() / width_px]);
         let bundle = Bundle::new(self.bands[band].optics, centre, radius_mm);
         self.look_around(band, &bundle, workspace);
         let uniform_e = self.uniform_e(&workspace.tile);
@@ -159,7 +185,7 @@ impl<'a> Renderer<'a> {
 
     /// Electrons in one pixel, whose tile has been looked at and has the bundle `of_tile`.
     fn pixel(&self, band: usize, column: usize, row: usize, of_tile: &Bundle<'_>, workspace: &mut Workspace) -> f64 {
-        let (centre, radius_mm) = self.disc([column, row], [1, 1]);
+        let (centre, radius_mm) = self.disc(band, [column, row], [1, 1]);
         let bundle = of_tile.part(centre, radius_mm);
         let Workspace { tile, pixel, .. } = workspace;
         self.look_closer(band, &bundle, tile, pixel);
@@ -172,7 +198,7 @@ impl<'a> Renderer<'a> {
             uniform_e => {
                 let (bank, discs) = self.sampling(band, &bundle);
                 let samples = bank.of_pixel(band, column, row);
-                self.trace(&bundle, samples, workspace);
+                self.trace(band, [column, row], &bundle, samples, workspace);
                 match (&self.scene.illumination, uniform_e) {
                     (Some(light), _) => self.unevenly_lit_e(band, light, samples, discs, workspace),
                     (None, Some(electrons)) => electrons * sum(&workspace.rays.weight) / samples.len() as f64,
@@ -188,20 +214,23 @@ impl<'a> Renderer<'a> {
         if bundle.is_unclipped() { (&self.bank, &view.discs) } else { (&self.fine_bank, &view.fine_discs) }
     }
 
-    /// Centre and radius of the image disc about a rectangle of pixels.
-    pub(crate) fn disc(&self, first: [usize; 2], size_px: [usize; 2]) -> (ImagePoint, f64) {
+    /// Centre and radius of the disc of the ideal image plane from which the rays of a rectangle of pixels start.
+    pub(crate) fn disc(&self, band: usize, first: [usize; 2], size_px: [usize; 2]) -> (ImagePoint, f64) {
         let middle = |axis: usize| first[axis] as f64 + 0.5 * (size_px[axis] as f64 - 1.0);
         let own = PixelPoint { u: middle(0), v: middle(1) };
-        let centre = self.sensor.image_from_pixel(self.registration.map(own));
+        let surface = &self.bands[band].surface;
         let [width, height] = size_px.map(|size| size as f64);
+        let corner = |[a, b]: [f64; 2]| PixelPoint { u: own.u + a * width, v: own.v + b * height };
+        if !surface.is_ideal() {
+            return reach_of(surface, own, CORNERS.map(corner));
+        }
+        let centre = self.sensor.image_from_pixel(self.registration.map(own));
         if self.registration.is_identity() {
             return (centre, 0.5 * self.sensor.pitch_mm * width.hypot(height));
         }
         // The farthest corner, which a homography may move a little farther than the others.
-        let corners = [[-0.5, -0.5], [0.5, -0.5], [-0.5, 0.5], [0.5, 0.5]];
-        let reach_mm = corners.map(|[a, b]| {
-            let corner = PixelPoint { u: own.u + a * width, v: own.v + b * height };
-            let corner = self.sensor.image_from_pixel(self.registration.map(corner));
+        let reach_mm = CORNERS.map(|place| {
+            let corner = self.sensor.image_from_pixel(self.registration.map(corner(place)));
             (corner.x_mm - centre.x_mm).hypot(corner.y_mm - centre.y_mm)
         });
         (centre, reach_mm.into_iter().fold(0.0, f64::max))
@@ -257,12 +286,25 @@ impl<'a> Renderer<'a> {
     }
 
     /// Traces the rays from the centre of a pixel.
-    pub(crate) fn trace(&self, bundle: &Bundle<'_>, samples: &SampleSet, workspace: &mut Workspace) {
+    pub(crate) fn trace(
+        &self,
+        band: usize,
+        [column, row]: [usize; 2],
+        bundle: &Bundle<'_>,
+        samples: &SampleSet,
+        workspace: &mut Workspace,
+    ) {
         let Workspace { image_x_mm, image_y_mm, rays, ledger, .. } = workspace;
-        let ImagePoint { x_mm, y_mm } = bundle.centre;
-        for (buffer, value) in [(&mut *image_x_mm, x_mm), (&mut *image_y_mm, y_mm)] {
-            buffer.clear();
-            buffer.resize(samples.len(), value);
+        let surface = &self.bands[band].surface;
+        if surface.is_ideal() {
+            let ImagePoint { x_mm, y_mm } = bundle.centre;
+            for (buffer, value) in [(&mut *image_x_mm, x_mm), (&mut *image_y_mm, y_mm)] {
+                buffer.clear();
+                buffer.resize(samples.len(), value);
+            }
+        } else {
+            let start = surface.start(PixelPoint { u: column as f64, v: row as f64 });
+            spread(&start, samples, image_x_mm, image_y_mm);
         }
         let starts = RayStarts { image_x_mm, image_y_mm, pupil_x: &samples.pupil_x, pupil_y: &samples.pupil_y };
         bundle.optics.trace(starts, rays, ledger);
@@ -366,11 +408,20 @@ impl Renderer<'_> {
 }
 
 impl<'a> BandView<'a> {
-    fn new(optics: &'a BandOptics, projection: Projection, pitch_mm: f64, scene: &Scene, pupil_samples: usize) -> Self {
+    fn new(
+        optics: &'a BandOptics,
+        projection: Projection,
+        surface: Surface,
+        (pitch_mm, along_rows): (f64, [f64; 2]),
+        scene: &Scene,
+        pupil_samples: usize,
+    ) -> Self {
         let mut view = Self {
             optics,
             projection,
+            surface,
             pitch_mm,
+            along_rows,
             pupil_samples,
             discs: Vec::new(),
             fine_discs: Vec::new(),
@@ -391,7 +442,7 @@ impl<'a> BandView<'a> {
             .pixel_mm(z_mm)
             .hypot(blur_mm * pupil_cell((fineness * self.pupil_samples).min(PUPIL_SAMPLES_MAX)))
             .max(SHADOW_MM_MIN);
-        Disc::new(dot, shadow_mm.min(SHADOW_MM_MAX))
+        Disc::new(dot, shadow_mm.min(SHADOW_MM_MAX)).turned(self.along_rows)
     }
 
     /// Width in object space at distance z of a pixel, seen from one pupil point, mm.
@@ -429,6 +480,17 @@ fn may_meet(bundle: &Bundle<'_>, texture: &Texture) -> bool {
     let (low_mm, high_mm) = bundle.rectangle_mm(texture.nearest_mm(), texture.farthest_mm());
     let half_mm = texture.half_extent_mm();
     (0..2).all(|axis| low_mm[axis] <= half_mm[axis] && high_mm[axis] >= -half_mm[axis])
+}
+
+/// Where the rays of a pixel start on the ideal image plane, mm.
+fn spread(start: &Start, samples: &SampleSet, image_x_mm: &mut Vec<f64>, image_y_mm: &mut Vec<f64>) {
+    image_x_mm.clear();
+    image_y_mm.clear();
+    for (pupil_x, pupil_y) in samples.pupil_x.iter().zip(&samples.pupil_y) {
+        let [x_mm, y_mm] = start.at(*pupil_x, *pupil_y);
+        image_x_mm.push(x_mm);
+        image_y_mm.push(y_mm);
+    }
 }
 
 /// Sum over the rays that arrived of weight × value.

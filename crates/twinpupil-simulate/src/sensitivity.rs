@@ -129,7 +129,7 @@ impl Renderer<'_> {
         for row in (0..size_px[1]).step_by(TILE_PX) {
             for column in (0..size_px[0]).step_by(TILE_PX) {
                 let (low, high) = ([column, row], [column + TILE_PX, row + TILE_PX]);
-                let (centre, radius_mm) = self.disc(low, [TILE_PX; 2]);
+                let (centre, radius_mm) = self.disc(band, low, [TILE_PX; 2]);
                 let bundle = Bundle::new(self.bands[band].optics, centre, radius_mm);
                 self.find_dots(band, &bundle, &mut nearby);
                 for &id in nearby.iter().filter(|&&id| self.sight(band, &bundle, id) != Sight::Beside) {
@@ -157,7 +157,7 @@ impl Renderer<'_> {
         response: f64,
         workspace: &mut Workspace,
     ) -> Sensitivity {
-        let (centre, radius_mm) = self.disc(patch.first_px, patch.count.map(|count| count * patch.step_px));
+        let (centre, radius_mm) = self.disc(band, patch.first_px, patch.count.map(|count| count * patch.step_px));
         let of_patch = Bundle::new(self.bands[band].optics, centre, radius_mm);
         let contrast_e = self.scene.brightness_e - self.scene.background_e;
         let mut is_seen = false;
@@ -165,7 +165,7 @@ impl Renderer<'_> {
         let derivatives = patch
             .pixels()
             .map(|pixel| {
-                let (centre, radius_mm) = self.disc(pixel, [1, 1]);
+                let (centre, radius_mm) = self.disc(band, pixel, [1, 1]);
                 let bundle = of_patch.part(centre, radius_mm);
                 let (light, [covered, shared @ ..]) = self.light_of_dot(band, id, pixel, &bundle, workspace);
                 is_seen |= covered > 0.0;
@@ -198,7 +198,7 @@ impl Renderer<'_> {
         }
         let (bank, discs) = self.sampling(band, bundle);
         let samples = bank.of_pixel(band, column, row);
-        self.trace(bundle, samples, workspace);
+        self.trace(band, [column, row], bundle, samples, workspace);
         let light = sum(&workspace.rays.weight) / samples.len() as f64;
         if sight != Sight::Across {
             return uniform(light);

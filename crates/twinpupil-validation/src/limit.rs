@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-use twinpupil_instrument::{Instrument, Lens, Mosaic, paper};
+use twinpupil_instrument::{Instrument, Lens, Mosaic, Registration, paper};
 use twinpupil_reconstruct::{FitPoint, LineAxis, Mode, Reconstruction, fit_line};
 use twinpupil_simulate::{Scene, SceneSpec, dot_bounds};
 
@@ -22,17 +22,53 @@ pub enum Camera {
     Rggb,
     /// Every pixel sees both bands, through a lens of 100.64 mm in red and 98.19 mm in blue: PMMA's dispersion.
     Dispersive,
+    /// A sensor for each band; the blue one sees a mirror image, turned by 3° and 2 % larger.
+    Mirrored,
+    /// The mosaic, tilted by 0.5° and 0.3°, behind a lens with a distortion at the corner of 0.3 % in red and −0.2 % in
+    /// blue.
+    Crooked,
+    /// The same with every pixel for both bands.
+    CrookedRgb,
+    /// Masks 0.05 mm off the axis, to either side.
+    Decentred,
 }
 
 impl Camera {
     /// All of them.
-    pub const ALL: [Self; 3] = [Self::Rgb, Self::Rggb, Self::Dispersive];
+    pub const ALL: [Self; 7] =
+        [Self::Rgb, Self::Rggb, Self::Dispersive, Self::Mirrored, Self::Crooked, Self::CrookedRgb, Self::Decentred];
 
     /// The instrument: the paper's, but for what the name says.
     pub fn instrument(self) -> Instrument {
         let mut spec = paper::instrument().into_spec();
-        if self != Self::Rggb {
+        if !matches!(self, Self::Rggb | Self::Crooked | Self::Decentred) {
             spec.sensor.mosaic = Mosaic::Rgb;
+        }
+        match self {
+            Self::Mirrored => {
+                spec.sensor.mosaic = Mosaic::Sensors;
+                for (band, plane) in spec.bands.iter_mut().zip(["0", "1"]) {
+                    band.plane = plane.to_owned();
+                }
+                let (sin, cos) = 3.0_f64.to_radians().sin_cos();
+                let (c, s) = (cos / 1.02, sin / 1.02);
+                let [u, v] = [959.5, 599.5];
+                // About the middle of the sensor, which the beam splitter shifts by some pixels.
+                let rows = [[-c, s, u + c * u - s * v + 12.0], [s, c, v - s * u - c * v - 7.0], [0.0, 0.0, 1.0]];
+                spec.bands[1].registration = Registration::from_rows(rows);
+            }
+            Self::Crooked | Self::CrookedRgb => {
+                spec.sensor.tilt_deg = [0.5, -0.3];
+                // The corner lies 6.63 mm off the axis.
+                spec.bands[0].distortion.k1_per_mm2 = 0.003 / 6.63_f64.powi(2);
+                spec.bands[1].distortion.k1_per_mm2 = -0.002 / 6.63_f64.powi(2);
+                spec.bands[1].distortion.p1_per_mm = 1e-5;
+            }
+            Self::Decentred => {
+                spec.apertures[0].centre_mm = [0.05, -0.02];
+                spec.apertures[1].centre_mm = [-0.03, 0.05];
+            }
+            Self::Rgb | Self::Rggb | Self::Dispersive => {}
         }
         if let (Self::Dispersive, Lens::Thin(lens)) = (self, &mut spec.lens) {
             lens.focal_length_mm_by_band = [("red".to_owned(), 100.64), ("blue".to_owned(), 98.19)].into();

@@ -1,6 +1,6 @@
 //! A simulated camera on a bench: scenes in, points out.
 
-use twinpupil_instrument::{Frame, Instrument, ResponseMatrix};
+use twinpupil_instrument::{Frame, Instrument, ResponseMatrix, Role};
 use twinpupil_optics::response_table_for;
 use twinpupil_reconstruct::{Mode, Options, Point, Reconstruction, Reconstructor};
 use twinpupil_simulate::{
@@ -99,14 +99,18 @@ impl Rig {
     /// Whether a dot's image, blur included, lies on the sensor in both bands.
     pub fn sees_whole(&self, centre_mm: [f64; 3], diameter_mm: f64) -> bool {
         let sensor = &self.instrument.sensor;
-        self.instrument.projections().iter().all(|projection| {
-            let image = sensor.pixel_from_image(projection.image(centre_mm));
+        [Role::Telecentric, Role::Entocentric].into_iter().all(|role| {
+            let band = self.instrument.band(role);
+            let (projection, page) = (self.instrument.projection(band), self.instrument.page(band));
+            let image = projection.image(centre_mm);
+            let [[a, b], [c, d]] = page.px_per_mm(image);
             let radius_mm =
                 0.5 * diameter_mm * projection.magnification(centre_mm[2]) + projection.blur_radius_mm(centre_mm[2]);
-            let radius_px = radius_mm / sensor.pitch_mm;
+            let radius_px = radius_mm * (a * d - b * c).abs().sqrt();
             let within =
                 |position: f64, size: usize| position >= radius_px && position + radius_px <= size as f64 - 1.0;
-            within(image.u, sensor.size_px[0]) && within(image.v, sensor.size_px[1])
+            let place = page.to_page(image);
+            within(place.u, sensor.size_px[0]) && within(place.v, sensor.size_px[1])
         })
     }
 

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Matrix4};
 use smallvec::SmallVec;
-use twinpupil_instrument::{Instrument, PlaneView, Projection, ResponseTable};
+use twinpupil_instrument::{Instrument, Page, PlaneView, Projection, ResponseTable};
 
 use crate::likelihood::black::Black;
 use crate::likelihood::body::{BandLight, Body, FitQuality, OwnCentre};
@@ -11,7 +11,7 @@ use crate::likelihood::covariance::{Patch, covariance};
 use crate::likelihood::illumination::{Glance, set_illumination};
 use crate::likelihood::joint::{BandView, Buffers, Joint};
 use crate::likelihood::pencil::Pencil;
-use crate::likelihood::spot::{Dot, Page};
+use crate::likelihood::spot::{Dot, Raster};
 use crate::noise::Noise;
 use crate::quantile::median;
 use crate::slope::{NEIGHBOURS, NEIGHBOURS_ROUGH, Slopes};
@@ -26,7 +26,9 @@ pub(crate) struct ForwardModel {
 #[derive(Debug, Clone)]
 struct BandModel {
     pencil: Pencil,
-    page: Page,
+    raster: Raster,
+    /// Its page, unless that is the raster.
+    page: Option<Page>,
     /// Index of the band in the instrument and in the table.
     index: usize,
 }
@@ -134,14 +136,21 @@ impl ForwardModel {
     /// The model of the bands of an instrument with these indices.
     pub(crate) fn new(instrument: &Instrument, table: Option<&ResponseTable>, bands: &[usize]) -> Self {
         let band = |index: usize| {
-            let axis_px = instrument.axis_px(&instrument.bands[index]);
-            let page = Page { axis_px, pitch_mm: instrument.sensor.pitch_mm };
             let focal_length_mm = match table {
                 Some(table) => table.bands[index].focal_length_mm,
                 None => instrument.projection(&instrument.bands[index]).focal_length_mm,
             };
             let pencil = Pencil::of_band(instrument, &instrument.bands[index], focal_length_mm);
-            BandModel { pencil, page, index }
+            let page = Page::new(&instrument.sensor, &instrument.bands[index], &pencil.projection);
+            match page.raster() {
+                Some((axis, pitch_mm)) => {
+                    BandModel { pencil, raster: Raster { axis_px: [axis.u, axis.v], pitch_mm }, page: None, index }
+                }
+                None => {
+                    let raster = Raster { axis_px: instrument.sensor.axis_px, pitch_mm: instrument.sensor.pitch_mm };
+                    BandModel { pencil, raster, page: Some(page), index }
+                }
+            }
         };
         Self { bands: bands.iter().map(|index| band(*index)).collect(), table: table.cloned() }
     }
@@ -176,7 +185,8 @@ impl ForwardModel {
             .map(|((band, (plane, _)), (aberration_mm, black))| BandView {
                 plane: *plane,
                 black,
-                page: band.page,
+                raster: band.raster,
+                page: band.page.as_ref(),
                 pencil: &band.pencil,
                 aberration_mm,
             })

@@ -1,5 +1,6 @@
 //! One dot as one band images it, in pixels of a plane's page.
 
+use crate::likelihood::laid::Bend;
 use crate::likelihood::pencil::{Pencil, Vector2, Ways};
 
 /// A flat round dot in space.
@@ -29,17 +30,19 @@ pub(crate) struct Spot {
     pub(crate) inverse: Matrix2,
     /// The ways through the masks, as [`Pencil::ways_at`] gives them.
     pub(crate) ways: Ways,
-    /// Position on the page of the optical axis, px.
+    /// Position on the page of the optical axis, px, and width of a pixel, mm, as they are seen from the spot.
     pub(crate) axis_px: Vector2,
     pub(crate) pitch_mm: f64,
+    /// How its page bends about its centre, if it does.
+    pub(crate) bend: Option<Bend>,
 }
 
 /// Rows of a 2×2 matrix.
 pub(crate) type Matrix2 = [[f64; 2]; 2];
 
-/// Where the sensor stands behind a band's pencils.
+/// Pixels across the axis, upright.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Page {
+pub(crate) struct Raster {
     /// Position of the optical axis, px.
     pub(crate) axis_px: Vector2,
     pub(crate) pitch_mm: f64,
@@ -49,13 +52,13 @@ pub(crate) struct Page {
 pub(crate) type SpotJacobian = nalgebra::Matrix4<f64>;
 
 /// Half-lit skirts reach this far beyond the blur's edge: half the diagonal of a pixel.
-const PIXEL_REACH_PX: f64 = 0.71;
+pub(crate) const PIXEL_REACH_PX: f64 = 0.71;
 
 impl Spot {
     /// The image of `dot`; `aberration_mm` is what the lens adds to its radius.
     #[cfg(test)]
-    pub(crate) fn of(dot: &Dot, pencil: &Pencil, page: Page, aberration_mm: f64) -> Self {
-        Self::with_jacobian(dot, pencil, page, aberration_mm).0
+    pub(crate) fn of(dot: &Dot, pencil: &Pencil, raster: Raster, aberration_mm: f64) -> Self {
+        Self::with_jacobian(dot, pencil, raster, aberration_mm).0
     }
 
     /// The image of `dot`, and its changes with it; `aberration_mm` is what the lens adds to its radius.
@@ -63,9 +66,14 @@ impl Spot {
     /// On a sloping surface the disc is foreshortened along the steepest way and its two halves are imaged by different
     /// magnifications. A central projection makes an ellipse of it, whose centre lies `m′ sinθ cosθ a²` beside the
     /// image of the dot's.
-    pub(crate) fn with_jacobian(dot: &Dot, pencil: &Pencil, page: Page, aberration_mm: f64) -> (Self, SpotJacobian) {
+    pub(crate) fn with_jacobian(
+        dot: &Dot,
+        pencil: &Pencil,
+        raster: Raster,
+        aberration_mm: f64,
+    ) -> (Self, SpotJacobian) {
         let [x_mm, y_mm, _] = dot.centre_mm;
-        let per_px = 1.0 / page.pitch_mm;
+        let per_px = 1.0 / raster.pitch_mm;
         let image = Imaging::at(dot.centre_mm, pencil);
         let change = Imaging::change(dot.centre_mm, pencil);
         let radius_mm = 0.5 * dot.diameter_mm;
@@ -77,8 +85,8 @@ impl Spot {
         // In units of the radius along the first axis of the unit disc.
         let off_centre = magnification_slope * tilt.sin * radius_mm * radius_px;
         let centre_px = [
-            page.axis_px[0] + (image.x_mm + outwards * x_mm) * per_px + off_centre * shape[0][0],
-            page.axis_px[1] + (image.y_mm + outwards * y_mm) * per_px + off_centre * shape[1][0],
+            raster.axis_px[0] + (image.x_mm + outwards * x_mm) * per_px + off_centre * shape[0][0],
+            raster.axis_px[1] + (image.y_mm + outwards * y_mm) * per_px + off_centre * shape[1][0],
         ];
         let skew = if tilt.sin == 0.0 { 0.0 } else { pencil.skew(dot) };
         let mut spot = Self {
@@ -90,10 +98,11 @@ impl Spot {
             shape,
             inverse: inverse(shape),
             ways: Ways::new(),
-            axis_px: page.axis_px,
-            pitch_mm: page.pitch_mm,
+            axis_px: raster.axis_px,
+            pitch_mm: raster.pitch_mm,
+            bend: None,
         };
-        spot.ways = pencil.ways_at(spot.image_mm(centre_px), spot.reach_px() * page.pitch_mm);
+        spot.ways = pencil.ways_at(spot.image_mm(centre_px), spot.reach_px() * raster.pitch_mm);
         // What the lens adds changes too little across a step to count.
         let per_mm = (image.magnification + outwards) * per_px;
         let towards = image.magnification.signum();
@@ -150,7 +159,7 @@ impl Spot {
         self.skew.map(|skew| -0.25 * self.blur_px * skew)
     }
 
-    /// A position on the page in mm from the axis.
+    /// A position on the page in mm from the axis, along u and v.
     pub(crate) fn image_mm(&self, [u_px, v_px]: Vector2) -> Vector2 {
         [(u_px - self.axis_px[0]) * self.pitch_mm, (v_px - self.axis_px[1]) * self.pitch_mm]
     }
@@ -158,14 +167,6 @@ impl Spot {
     /// Distance from the centre beyond which no light of the dot falls, px.
     pub(crate) fn reach_px(&self) -> f64 {
         self.radius_px + self.blur_px_max() + PIXEL_REACH_PX
-    }
-
-    /// Distance from the centre within which every pixel sees nothing but the dot, px; 0 if none surely does.
-    pub(crate) fn full_px(&self) -> f64 {
-        if self.is_clipped() {
-            return 0.0;
-        }
-        (self.radius_px * (1.0 - self.foreshortening()) - self.blur_px_max() - PIXEL_REACH_PX).max(0.0)
     }
 
     /// How much shorter it is than it is long, relative to its length.
@@ -238,7 +239,7 @@ impl Tilt {
 }
 
 /// Inverse of a matrix; a surface seen edge on counts as nearly so.
-fn inverse([[a, b], [c, d]]: Matrix2) -> Matrix2 {
+pub(crate) fn inverse([[a, b], [c, d]]: Matrix2) -> Matrix2 {
     const FLATTEST: f64 = 1e-3;
     let determinant = a * d - b * c;
     let determinant = if determinant.abs() < FLATTEST { FLATTEST.copysign(determinant) } else { determinant };

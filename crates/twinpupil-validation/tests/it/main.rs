@@ -1,6 +1,7 @@
 //! Expected values come from the paper, from closed forms and from other people's programs; never from ourselves.
 
 mod accuracy;
+mod askew;
 mod calibration;
 mod carriers;
 mod damaged;

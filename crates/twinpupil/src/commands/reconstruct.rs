@@ -8,7 +8,6 @@ use anyhow::{Context, Result, bail};
 use clap::ValueEnum;
 use rayon::prelude::*;
 use serde::Serialize;
-use twinpupil_instrument::Instrument;
 use twinpupil_instrument::{Band, Frame, Role};
 use twinpupil_reconstruct::{DetectOptions, Mode, NoiseSource, Options, Point, Reconstruction, Reconstructor};
 
@@ -38,9 +37,9 @@ pub struct Args {
     /// Also write the features that became no point, each with its reason: .csv, .ply or .parquet
     #[arg(long, value_name = "FILE")]
     rejected: Option<PathBuf>,
-    /// How points are computed; `model` if left out, or `centroid` where a band's registration turns or scales
-    #[arg(long, value_enum)]
-    mode: Option<ModeOption>,
+    /// How points are computed
+    #[arg(long, value_enum, default_value_t = ModeOption::Model)]
+    mode: ModeOption,
     /// Whether features are bright or dark
     #[arg(long, value_enum, default_value_t = PolarityOption::Auto)]
     polarity: PolarityOption,
@@ -50,14 +49,6 @@ pub struct Args {
     /// Print a summary as JSON; needs -o
     #[arg(long, requires = "output")]
     json: bool,
-}
-
-impl Args {
-    /// The mode that was asked for, or the best that the instrument allows.
-    fn mode(&self, instrument: &Instrument) -> ModeOption {
-        let is_shifted = instrument.bands.iter().all(|band| band.registration.shift_px().is_some());
-        self.mode.unwrap_or(if is_shifted { ModeOption::Model } else { ModeOption::Centroid })
-    }
 }
 
 /// How points are computed.
@@ -164,7 +155,7 @@ pub fn run(args: &Args, console: &Console) -> Result<()> {
 }
 
 fn reconstructor(args: &Args, loaded: &LoadedInstrument) -> Result<Reconstructor> {
-    let mode = match args.mode(&loaded.instrument) {
+    let mode = match args.mode {
         ModeOption::Paper => Mode::Paper,
         ModeOption::Centroid => Mode::Centroid,
         ModeOption::Model => Mode::Model,
@@ -247,7 +238,7 @@ fn summary(args: &Args, loaded: &LoadedInstrument, frames: &[Done], wall_seconds
     };
     Summary {
         instrument: loaded.instrument.name.clone(),
-        mode: format!("{:?}", args.mode(&loaded.instrument)).to_lowercase(),
+        mode: format!("{:?}", args.mode).to_lowercase(),
         points: points().count(),
         ambiguous: points().filter(|point| point.ambiguous).count(),
         bands: bands(loaded, frames),

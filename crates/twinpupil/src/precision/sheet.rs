@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 
 use anyhow::Result;
-use twinpupil_instrument::{Instrument, PixelPoint};
+use twinpupil_instrument::{Instrument, PixelPoint, Role};
 use twinpupil_simulate::{DotSpec, Scene, SceneSpec};
 
 use super::Grid;
@@ -92,13 +92,13 @@ impl SheetDot {
     /// A dot on an azimuth, to first order.
     fn new(instrument: &Instrument, place: Place, [r_mm, z_mm]: [f64; 2], azimuth_rad: f64, diameter_mm: f64) -> Self {
         let centre_mm = [r_mm * azimuth_rad.cos(), r_mm * azimuth_rad.sin(), z_mm];
-        let sensor = &instrument.sensor;
-        let images = instrument.projections().map(|projection| {
+        let images = [Role::Telecentric, Role::Entocentric].map(|role| {
+            let band = instrument.band(role);
+            let (projection, page) = (instrument.projection(band), instrument.page(band));
+            let image = projection.image(centre_mm);
+            let [[a, b], [c, d]] = page.px_per_mm(image);
             let radius_mm = 0.5 * diameter_mm * projection.magnification(z_mm).abs() + projection.blur_radius_mm(z_mm);
-            Spot {
-                centre: sensor.pixel_from_image(projection.image(centre_mm)),
-                radius_px: radius_mm / sensor.pitch_mm,
-            }
+            Spot { centre: page.to_page(image), radius_px: radius_mm * (a * d - b * c).abs().sqrt() }
         });
         Self { place, centre_mm, images }
     }

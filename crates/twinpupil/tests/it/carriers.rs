@@ -117,8 +117,6 @@ fn wrong_files_are_named() {
     assert!(lone.starts_with("f-red.png: a frame of this instrument has 2 files (red, blue), or one path"), "{lone}");
     let missing = workplace.fail("reconstruct g-{band}.png --instrument small.toml -o p.csv");
     assert_eq!(missing, "g-red.png: there is no such file");
-    let turned = workplace.fail("reconstruct f-{band}.png --instrument small.toml --mode model -o p.csv");
-    assert!(turned.contains("`band[1].registration` turns or scales; legal in model mode"), "{turned}");
 
     small(&workplace, "hyperspectral");
     workplace.succeed("simulate --instrument small.toml --scene flat.toml --samples 16 -o c.bip");
