@@ -87,10 +87,8 @@ fn circle(content: &mut Content, Disc { centre_mm: [x, y], radius_mm }: &Disc) {
 
 /// Text in the encoding of the font; a letter that it does not have is a question mark.
 fn win_ansi(text: &str) -> Vec<u8> {
-    let code = |letter: char| match u8::try_from(letter) {
-        Ok(code @ (0x20..=0x7e | 0xa0..)) => code,
-        _ => b'?',
-    };
+    let has = |code: &u8| matches!(code, 0x20..=0x7e | 0xa0..);
+    let code = |letter: char| u8::try_from(letter).ok().filter(has).unwrap_or(b'?');
     text.chars().map(code).collect()
 }
 

@@ -54,8 +54,8 @@ pub(super) fn triangle(calibration: &Calibration) -> String {
     for (row, number) in numbers.iter().enumerate() {
         let baseline = (row as f64 + 0.5) * cell + 0.36 * size;
         svg += &label([KEYS - 8.0, baseline], "end", &format!("{}  {}", number.key, row + 1));
-        for column in 0..=row {
-            let names = [&numbers[column].key, &number.key];
+        for (column, other) in numbers[..=row].iter().enumerate() {
+            let names = [&other.key, &number.key];
             svg += &square(cell, [column, row], size, names, correlation(calibration, column, row));
         }
     }

@@ -3,15 +3,13 @@
 /// A value and its deviation, with two digits of the deviation.
 pub(super) fn measured(value: f64, std: f64) -> String {
     const PLAIN_FROM: f64 = 1e-4;
-    if std >= PLAIN_FROM {
-        let decimals = decimals(std);
-        return format!("{value:.decimals$} ± {std:.decimals$}");
-    }
-    if !(std > 0.0) {
+    const PLAIN_POWER_MIN: i32 = -2;
+    let is_known = std > 0.0;
+    if !is_known {
         return format!("{} ± {std}", significant(value, 6));
     }
     let power = value.abs().max(std).log10().floor() as i32;
-    if power >= -2 {
+    if std >= PLAIN_FROM || power >= PLAIN_POWER_MIN {
         let decimals = decimals(std);
         return format!("{value:.decimals$} ± {std:.decimals$}");
     }
