@@ -230,7 +230,7 @@ fn bad_targets() {
     let long = "a sheet of 10035 mm is too long for a page of PDF; legal: up to 5080 mm, or SVG";
     assert_eq!(workplace.fail(&format!("{grid} -o grid.pdf")), long);
     let twice = workplace.fail(&format!("{grid} -o a.svg --file a.svg"));
-    assert_eq!(twice, "a.svg: two outputs cannot go to one file");
+    assert!(twice.ends_with("a.svg: two outputs cannot go to one file"), "{twice}");
     workplace.write("t.toml", "schema = 1\nname = \"t\"\nkind = \"chessboard\"\n");
     assert!(workplace.fail("target print t.toml").starts_with("t.toml: line 3: "));
 }

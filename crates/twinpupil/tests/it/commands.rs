@@ -76,32 +76,34 @@ fn a_target_is_drawn_and_its_file_read_back() {
 #[test]
 fn a_calibration_makes_an_instrument_and_a_page() {
     let workplace = Workplace::new();
-    // A field of 5 × 4 mm, and pupils that clip little near the axis.
+    // The paper's camera as it came off the line.
     let camera = twinpupil_instrument::paper::INSTRUMENT_TOML
-        .replace("[1920, 1200]", "[480, 360]")
-        .replace("[959.5, 599.5]", "[239.5, 179.5]")
-        .replace("radius_mm = 1.0", "radius_mm = 0.2")
-        .replace("radius_mm = 0.5", "radius_mm = 0.1");
+        .replace("distance_mm = 151.0", "distance_mm = 151.7")
+        .replace("[959.5, 599.5]", "[965.1, 595.3]")
+        .replace("position_mm = 0.0", "position_mm = 0.0\ncentre_mm = [0.03, -0.04]")
+        .replace("position_mm = 100.0", "position_mm = 100.0\ncentre_mm = [-0.04, -0.03]");
     workplace.write("camera.toml", camera);
-    let grid = "--rows 4 --columns 5 --pitch-mm 0.8 --dot-diameter-mm 0.4";
+    let grid = "--rows 7 --columns 9 --pitch-mm 1.5 --dot-diameter-mm 0.9";
     workplace.succeed(&format!("target dot-grid {grid} --file target.toml"));
-    for (k, (distance_mm, tilt_deg)) in [(260, 20), (285, -25), (310, 25), (335, -20)].into_iter().enumerate() {
+    let poses = [(258, 0, "y", 3), (286, -30, "y", 8), (300, 30, "y", 0), (314, -28, "x", -10), (342, -15, "y", 2)];
+    for (k, (distance_mm, tilt_deg, tilt_axis, turn_deg)) in poses.into_iter().enumerate() {
         let scene = format!(
             "schema = 1\nname = \"pose\"\n[plate]\ndistance_mm = {distance_mm}\ntilt_deg = {tilt_deg}\n\
-             pattern = \"grid\"\nrows = 4\ncolumns = 5\npitch_mm = 0.8\ndiameter_mm = 0.4\n"
+             tilt_axis = \"{tilt_axis}\"\npattern = \"grid\"\nrows = 7\ncolumns = 9\npitch_mm = 1.5\ndiameter_mm = 0.9\nturn_deg = {turn_deg}\n"
         );
         workplace.write("scene.toml", scene);
         let simulate = "simulate -q --instrument camera.toml --scene scene.toml --samples 64";
         workplace.succeed(&format!("{simulate} --seed {k} -o frame{k}.png"));
     }
-    let fixed = "--fix sensor.tilt_deg[0] --fix sensor.tilt_deg[1]";
-    let frames = "frame0.png frame1.png frame2.png frame3.png";
-    let files = "--instrument camera.toml --target target.toml -o calibrated.toml --report report.html";
+    let fixed = "--fix sensor.tilt_deg[0] --fix sensor.tilt_deg[1] \
+                 --fix band[0].distortion.k1_per_mm2 --fix band[1].distortion.k1_per_mm2";
+    let frames = "frame0.png frame1.png frame2.png frame3.png frame4.png";
+    let files = "--instrument paper --target target.toml -o calibrated.toml --report report.html";
     workplace.succeed(&format!("calibrate {frames} {files} {fixed} -q"));
     assert!(workplace.read("calibrated.toml").contains("[calibration]"));
     workplace.succeed("instrument show calibrated.toml");
     let page = workplace.read("report.html");
-    assert!(page.starts_with("<!doctype html>") && page.contains("4 of 4") && page.contains("<td>frame3.png</td>"));
+    assert!(page.starts_with("<!doctype html>") && page.contains("5 of 5") && page.contains("<td>frame3.png</td>"));
     assert!(!page.contains("NaN"));
 }
 
