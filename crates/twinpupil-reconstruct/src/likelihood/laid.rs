@@ -39,7 +39,6 @@ impl Bend {
             let (uu, uv, vv) = (du * du, du * dv, dv * dv);
             straight.push(du - au * uu - bu * uv - cu * vv, dv - av * uu - bv * uv - cv * vv);
         }
-        (straight.edge, straight.lit) = (places.edge, places.lit);
     }
 }
 
