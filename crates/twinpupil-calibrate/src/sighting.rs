@@ -339,7 +339,7 @@ mod tests {
             let [x, y] = [mirror * dot.position_mm[0] + 1.0, dot.position_mm[1] - 2.0];
             let [x, y] = [cos * x - sin * y, sin * x + cos * y];
             let centre_px = [AXIS_PX[0] + scale * x, AXIS_PX[1] + scale * y];
-            Spot { centre_px, area_px: (0.5 * dot.diameter_mm * scale).powi(2) * 3.14 }
+            Spot { centre_px, area_px: (0.5 * dot.diameter_mm * scale).powi(2) * std::f64::consts::PI }
         };
         target.dots().iter().map(spot).collect()
     }

@@ -116,6 +116,11 @@ impl Target {
         Ok(Self::new(check::parse_toml(text)?)?)
     }
 
+    /// The target as a file that [`Target::from_toml`] reads back to the same.
+    pub fn to_toml(&self) -> String {
+        toml::to_string(&self.spec).expect("a checked target is plain data")
+    }
+
     /// JSON schema of the target file.
     pub fn json_schema() -> schemars::Schema {
         schemars::schema_for!(TargetSpec)
@@ -193,6 +198,7 @@ mod tests {
         let corner = &target.dots()[target.dot_at(2, 4).unwrap()];
         assert_eq!((corner.position_mm, corner.diameter_mm), ([4.0, 2.0], 1.5));
         assert_eq!(target.dots()[target.dot_at(1, 2).unwrap()].position_mm, [0.0, 0.0]);
+        assert_eq!(Target::from_toml(&target.to_toml()).unwrap(), target);
     }
 
     #[test]

@@ -7,7 +7,7 @@ use anyhow::{Context, Result};
 use clap::{Parser, Subcommand};
 
 use crate::commands::{
-    analyze, calibrate, crosstalk, demo, detect, fit, instrument, reconstruct, reproduce, scene, simulate,
+    analyze, calibrate, crosstalk, demo, detect, fit, instrument, reconstruct, reproduce, scene, simulate, target,
 };
 use crate::console::Console;
 
@@ -36,6 +36,9 @@ enum Command {
     /// Print a scene file
     #[command(subcommand)]
     Scene(scene::Command),
+    /// Draw a target to calibrate with, or explain its file
+    #[command(subcommand)]
+    Target(target::Command),
     /// Turn an instrument and a scene into the frame that the camera would deliver
     Simulate(simulate::Args),
     /// Find the features of each band
@@ -86,6 +89,7 @@ fn run(cli: &Cli) -> Result<()> {
     match &cli.command {
         Command::Instrument(command) => instrument::run(command),
         Command::Scene(command) => scene::run(command),
+        Command::Target(command) => target::run(command, &console),
         Command::Simulate(args) => simulate::run(args, &console),
         Command::Detect(args) => detect::run(args, &console),
         Command::Reconstruct(args) => reconstruct::run(args, &console),

@@ -1,7 +1,7 @@
 //! The program: the one place of the workspace that reads and writes files.
 //!
 //! [`cli`] holds the command line, [`commands`] one module for each subcommand, [`io`] the files; [`plot`], [`heat_map`],
-//! [`picture`] and [`report`] make what a human looks at.
+//! [`picture`], [`vector_map`], [`printout`] and [`report`] make what a human looks at.
 
 pub mod cli;
 pub mod commands;
@@ -14,5 +14,8 @@ pub mod load;
 pub mod picture;
 pub mod plot;
 pub mod precision;
+pub mod printout;
 pub mod report;
+pub mod round;
 pub mod text_table;
+pub mod vector_map;

@@ -10,6 +10,8 @@ use kuva::render::theme::Theme;
 const SIZE: [f64; 2] = [540.0, 380.0];
 /// Radius of a marker.
 const MARKER: f64 = 3.5;
+/// That of one among many.
+const FAINT_MARKER: f64 = 1.8;
 
 /// Colours that stay apart under every common colour blindness  [Okabe and Ito 2008].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -119,6 +121,18 @@ impl Chart {
             self.plots.push(Plot::Scatter(scatter));
         }
         self.entry(name, colour, LegendShape::Circle, Stroke::Solid);
+        self
+    }
+
+    /// Adds many small faint markers, so that what they have in common stands out. They stay out of the legend; points
+    /// that are not finite are left out.
+    pub fn cloud(mut self, colour: Colour, points: &[[f64; 2]]) -> Self {
+        let finite = points.iter().filter(|[x, y]| x.is_finite() && y.is_finite());
+        let drawn: Vec<(f64, f64)> = finite.map(|&[x, y]| (x, y)).collect();
+        if !drawn.is_empty() {
+            let scatter = ScatterPlot::new().with_data(drawn).with_color(colour.css());
+            self.plots.push(Plot::Scatter(scatter.with_size(FAINT_MARKER).with_marker_opacity(0.3)));
+        }
         self
     }
 
@@ -265,6 +279,7 @@ mod tests {
             Chart::new("x", "y").points("none", Colour::Blue, &[nan.into()]).line("", Colour::Blue, Stroke::Solid, &[]),
             Chart::new("x", "y").line("one", Colour::Blue, Stroke::Dashed, &one),
             Chart::new("x", "y").points("one", Colour::Blue, &one.map(PlotPoint::from)),
+            Chart::new("x", "y").cloud(Colour::Blue, &[nan, nan]),
             Chart::new("x", "y").band("none", Colour::Grey, [0.0, f64::NAN], [0.0, 1.0]),
         ] {
             let svg = chart.into_svg();

@@ -14,3 +14,4 @@ pub mod reconstruct;
 pub mod reproduce;
 pub mod scene;
 pub mod simulate;
+pub mod target;

@@ -212,6 +212,30 @@ fn bad_instruments_and_scenes() {
 }
 
 #[test]
+fn bad_targets() {
+    let workplace = Workplace::new();
+    let grid = |rest: &str| {
+        let dots = "target dot-grid --rows 3 --columns 4 --pitch-mm 2";
+        workplace.fail(&format!("{dots} --file t.toml -o grid.svg {rest}"))
+    };
+    let touching = "`dot_diameter_mm` is 2; legal: below pitch_mm = 2, so that dots do not touch";
+    assert_eq!(grid("--dot-diameter-mm 2"), touching);
+    assert_eq!(grid("--dot-diameter-mm 1 --missing 3,0"), "`fiducial[0].row` is 3; legal: 0 to 2");
+    assert!(grid("--dot-diameter-mm 1 --missing 1,1 --larger 1,1,1.5").starts_with("`fiducial[1]` is row 1, column 1"));
+    assert!(grid("--dot-diameter-mm 1 --larger 1,1,1.1").starts_with("`fiducial[0].diameter_mm` is 1.1"));
+    assert_eq!(grid("--dot-diameter-mm 1 --margin-mm=-1"), "--margin-mm is -1; legal: 0 to 10000");
+    let grid = "target dot-grid --rows 3 --columns 1000 --pitch-mm 10 --dot-diameter-mm 5";
+    let refused = "grid.png: the extension tells no format; legal: .svg, .pdf";
+    assert_eq!(workplace.fail(&format!("{grid} -o grid.png")), refused);
+    let long = "a sheet of 10035 mm is too long for a page of PDF; legal: up to 5080 mm, or SVG";
+    assert_eq!(workplace.fail(&format!("{grid} -o grid.pdf")), long);
+    let twice = workplace.fail(&format!("{grid} -o a.svg --file a.svg"));
+    assert!(twice.ends_with("a.svg: two outputs cannot go to one file"), "{twice}");
+    workplace.write("t.toml", "schema = 1\nname = \"t\"\nkind = \"chessboard\"\n");
+    assert!(workplace.fail("target print t.toml").starts_with("t.toml: line 3: "));
+}
+
+#[test]
 fn bad_tables() {
     let workplace = Workplace::new();
     let reason = |content: &str| {

@@ -19,6 +19,10 @@ fn wrong_usage_is_code_2_and_help_is_code_0() {
         "detect f.png",
         "detect f.png --mosaic rggb",
         "detect f.png --mosaic xyz --plane r",
+        "target dot-grid --rows 3 --columns 4 --pitch-mm 2",
+        "target dot-grid --rows 3 --columns 4 --pitch-mm 2 --dot-diameter-mm 1 --missing 1",
+        "target dot-grid --rows 3 --columns 4 --pitch-mm 2 --dot-diameter-mm 1 --larger 1,1",
+        "target dot-grid --rows 3 --columns 4 --pitch-mm 2 --dot-diameter-mm 1 --dark-on-light --light-on-dark",
         "analyze precision --instrument paper --z 350:250",
         "analyze precision --instrument paper --achieved 0",
     ];
@@ -45,10 +49,62 @@ fn instruments_and_scenes_are_printed_and_read_back() {
     let scene = workplace.succeed("scene paper");
     workplace.write("scene.toml", &scene);
     assert_eq!(workplace.succeed("scene print scene.toml"), scene);
-    for command in ["instrument schema", "scene schema", "instrument show paper --json"] {
+    for command in ["instrument schema", "scene schema", "target schema", "instrument show paper --json"] {
         let json: serde_json::Value = serde_json::from_str(&workplace.succeed(command)).unwrap();
         assert!(json.is_object(), "{command}");
     }
+}
+
+#[test]
+fn a_target_is_drawn_and_its_file_read_back() {
+    let workplace = Workplace::new();
+    let grid = "target dot-grid --rows 3 --columns 4 --pitch-mm 2 --dot-diameter-mm 1 --missing 0,0 --larger 2,3,1.5";
+    let svg = workplace.succeed(&format!("{grid} --file target.toml"));
+    assert_eq!(svg.matches("<circle").count(), 11);
+    workplace.succeed(&format!("{grid} -q -o grid.svg"));
+    assert_eq!(workplace.read("grid.svg"), svg);
+    let target = workplace.read("target.toml");
+    assert_eq!(workplace.succeed("target print target.toml"), target);
+    assert!(target.contains("name = \"4 x 3 dots, 2 mm apart\"") && target.contains("diameter_mm = 1.5"), "{target}");
+
+    let output = workplace.run(&format!("{grid} --light-on-dark --margin-mm 3 --name t -o grid.pdf"));
+    let note = String::from_utf8(output.stderr).unwrap();
+    assert!(note.starts_with("grid.pdf: 13.5 × ") && note.ends_with(" mm, 11 dots\n"), "{note}");
+    assert!(std::fs::read(workplace.path("grid.pdf")).unwrap().starts_with(b"%PDF-"));
+}
+
+#[test]
+fn a_calibration_makes_an_instrument_and_a_page() {
+    let workplace = Workplace::new();
+    // The paper's camera as it came off the line.
+    let camera = twinpupil_instrument::paper::INSTRUMENT_TOML
+        .replace("distance_mm = 151.0", "distance_mm = 151.7")
+        .replace("[959.5, 599.5]", "[965.1, 595.3]")
+        .replace("position_mm = 0.0", "position_mm = 0.0\ncentre_mm = [0.03, -0.04]")
+        .replace("position_mm = 100.0", "position_mm = 100.0\ncentre_mm = [-0.04, -0.03]");
+    workplace.write("camera.toml", camera);
+    let grid = "--rows 7 --columns 9 --pitch-mm 1.5 --dot-diameter-mm 0.9";
+    workplace.succeed(&format!("target dot-grid {grid} --file target.toml"));
+    let poses = [(258, 0, "y", 3), (286, -30, "y", 8), (300, 30, "y", 0), (314, -28, "x", -10), (342, -15, "y", 2)];
+    for (k, (distance_mm, tilt_deg, tilt_axis, turn_deg)) in poses.into_iter().enumerate() {
+        let scene = format!(
+            "schema = 1\nname = \"pose\"\n[plate]\ndistance_mm = {distance_mm}\ntilt_deg = {tilt_deg}\n\
+             tilt_axis = \"{tilt_axis}\"\npattern = \"grid\"\nrows = 7\ncolumns = 9\npitch_mm = 1.5\ndiameter_mm = 0.9\nturn_deg = {turn_deg}\n"
+        );
+        workplace.write("scene.toml", scene);
+        let simulate = "simulate -q --instrument camera.toml --scene scene.toml --samples 64";
+        workplace.succeed(&format!("{simulate} --seed {k} -o frame{k}.png"));
+    }
+    let fixed = "--fix sensor.tilt_deg[0] --fix sensor.tilt_deg[1] \
+                 --fix band[0].distortion.k1_per_mm2 --fix band[1].distortion.k1_per_mm2";
+    let frames = "frame0.png frame1.png frame2.png frame3.png frame4.png";
+    let files = "--instrument paper --target target.toml -o calibrated.toml --report report.html";
+    workplace.succeed(&format!("calibrate {frames} {files} {fixed} -q"));
+    assert!(workplace.read("calibrated.toml").contains("[calibration]"));
+    workplace.succeed("instrument show calibrated.toml");
+    let page = workplace.read("report.html");
+    assert!(page.starts_with("<!doctype html>") && page.contains("5 of 5") && page.contains("<td>frame3.png</td>"));
+    assert!(!page.contains("NaN"));
 }
 
 #[test]

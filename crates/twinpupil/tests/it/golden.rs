@@ -38,6 +38,14 @@ fn what_the_program_prints_and_writes_has_not_moved() {
     compare("fit-plane.txt", &workplace.succeed("fit plane points.csv"));
 }
 
+#[test]
+fn what_is_printed_to_calibrate_with_has_not_moved() {
+    let workplace = Workplace::new();
+    let grid = "target dot-grid --rows 3 --columns 4 --pitch-mm 2 --dot-diameter-mm 1 --missing 0,0 --larger 2,3,1.5";
+    compare("target.svg", &workplace.succeed(&format!("{grid} --file target.toml")));
+    compare("target.toml", &workplace.read("target.toml"));
+}
+
 fn compare(name: &str, found: &str) {
     let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/golden").join(name);
     if std::env::var_os("TWINPUPIL_BLESS").is_some() {

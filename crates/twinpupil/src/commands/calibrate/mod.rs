@@ -1,6 +1,11 @@
 //! `twinpupil calibrate`: frames of a dot grid → an instrument whose numbers are known, and how well.
 
 mod axis;
+mod correlations;
+mod measured;
+mod page;
+mod plots;
+mod residuals;
 mod summary;
 
 use std::collections::BTreeMap;
@@ -14,6 +19,7 @@ use twinpupil_calibrate::{Calibration, Calibrator, Choices, Fault, Foreign, Fram
 use twinpupil_instrument::{CalibrationFrame, CalibrationSpec, Instrument, Lens};
 use twinpupil_reconstruct::{DetectOptions, Mode, Options, Reconstructor};
 
+use self::page::Findings;
 use self::summary::Summary;
 use super::destination::pretty;
 use super::options::PolarityOption;
@@ -55,6 +61,9 @@ struct GridArgs {
     /// Calibrated instrument file to write; standard output if left out
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
+    /// Report to write: one HTML page with every number, residual and plot
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
     /// Hold a number fast at what the instrument file says, such as `sensor.tilt_deg[0]`; may be repeated
     #[arg(long, value_name = "KEY")]
     fix: Vec<String>,
@@ -94,7 +103,7 @@ pub fn run(args: &Args, console: &Console) -> Result<()> {
 fn calibrate(args: &GridArgs, instrument: &Path, target: &Path, console: &Console) -> Result<()> {
     let loaded = LoadedInstrument::load(instrument)?;
     let target = Target::from_toml(&input::read_text(target)?).with_context(|| target.display().to_string())?;
-    if let Some(path) = &args.output {
+    for path in args.output.iter().chain(&args.report) {
         output::check(path)?;
     }
     if let Some(std_mm) = args.refine_target_mm.filter(|std_mm| !(*std_mm > 0.0 && *std_mm < target.spec().pitch_mm)) {
@@ -109,6 +118,12 @@ fn calibrate(args: &GridArgs, instrument: &Path, target: &Path, console: &Consol
     let instrument = with_calibration(&calibration, &target, &files)?;
     let mut outputs = Outputs::new();
     outputs.add_or_print(args.output.as_deref(), instrument.to_toml().into_bytes());
+    if let Some(path) = &args.report {
+        let frames: Vec<String> = files.iter().map(|files| files.name.clone()).collect();
+        let findings =
+            Findings { calibration: &calibration, instrument: &instrument, target: &target, frames: &frames };
+        outputs.add(path, page::page(&findings).into_html().into_bytes());
+    }
     outputs.commit()?;
     let summary = Summary::new(&calibration, &instrument, &target, &files);
     summary.lines().iter().for_each(|line| console.note(line));
