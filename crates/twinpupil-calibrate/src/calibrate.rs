@@ -497,7 +497,8 @@ impl Calibrator<'_> {
                         information: score.information,
                     }
                     .with_model_error();
-                    observations.push((observation, Fitness { chi2: score.chi2, used_px: score.used_px }));
+                    let fitness = Fitness { chi2: score.chi2, used_px: score.used_px };
+                    observations.extend(observation.map(|observation| (observation, fitness)));
                 }
             }
             (self.progress)(Stage::Comparing(round));

@@ -28,7 +28,7 @@ pub struct Calibration {
     pub residuals: Vec<Residual>,
     /// Where the target's dots lie beside their places, mm, if that was sought.
     pub offsets_mm: Option<Vec<[f64; 2]>>,
-    /// χ² of all spots over their degrees of freedom.
+    /// χ² of the places of all spots over their degrees of freedom.
     pub reduced_chi2: f64,
     /// Root mean square distance of the spots from where they should be, px.
     pub rms_px: f64,
@@ -109,6 +109,13 @@ pub struct Residual {
     pub position_mm: [f64; 3],
 }
 
+impl Residual {
+    /// Squares of u and v in their deviations.
+    fn place_chi2(&self) -> f64 {
+        [0, 1].map(|k| (self.off_px[k] / self.std_px[k].max(1e-12)).powi(2)).iter().sum()
+    }
+}
+
 /// What frames say that took no part.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HeldOut {
@@ -139,8 +146,9 @@ impl Calibration {
         let Conclusion { calibrator, unknowns, now, seen, faults, observations, fitness } = conclusion;
         let problem = now.problem(calibrator, unknowns, observations, f64::INFINITY);
         let residuals = residuals(&problem, now, seen, observations);
-        let chi2: f64 = residuals.iter().map(|residual| residual.chi2).sum();
-        let freedom = (4 * residuals.len()).saturating_sub(unknowns.len() + 6 * seen.len()).max(1);
+        // Of places alone: size and blur count for less than they are known to.
+        let chi2: f64 = residuals.iter().map(Residual::place_chi2).sum();
+        let freedom = (2 * residuals.len()).saturating_sub(unknowns.len() + 6 * seen.len()).max(1);
         let reduced_chi2 = chi2 / freedom as f64;
         let count = unknowns.len();
         let scale = |i: usize, k: usize| unknowns[i].prior_std * unknowns[k].prior_std * reduced_chi2.max(1.0);

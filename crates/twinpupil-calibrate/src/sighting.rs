@@ -204,15 +204,16 @@ fn best_placements(
     lattice: &Lattice,
     spots: &[Spot],
 ) -> Result<Vec<Placement>, SightingError> {
-    let scored = |is_mirrored: bool| -> (usize, Vec<Placement>) {
-        let wrong: Vec<(usize, Placement)> = placements(target, lattice, is_mirrored)
+    // What is shown and should not be counts most: dots may be lost, as on the axis, where the masks shut both bands.
+    let scored = |is_mirrored: bool| -> ([usize; 2], Vec<Placement>) {
+        let wrong: Vec<([usize; 2], Placement)> = placements(target, lattice, is_mirrored)
             .into_iter()
             .map(|placement| (wrong(target, lattice, spots, &placement), placement))
             .collect();
-        let least = wrong.iter().map(|(wrong, _)| *wrong).min().unwrap_or(usize::MAX);
+        let least = wrong.iter().map(|(wrong, _)| *wrong).min().unwrap_or([usize::MAX; 2]);
         (least, wrong.into_iter().filter(|(wrong, _)| *wrong == least).map(|(_, placement)| placement).collect())
     };
-    let (wrong, best) = scored(false);
+    let ([wrong, _], best) = scored(false);
     if best.is_empty() {
         let found = lattice.extent().map(|[low, high]| high - low + 1);
         let stated = [target.spec().columns, target.spec().rows];
@@ -222,14 +223,14 @@ fn best_placements(
         return Ok(best);
     }
     let band = band.to_owned();
-    Err(if scored(true).0 == 0 { SightingError::Mirrored { band } } else { SightingError::Unlike { band, wrong } })
+    Err(if scored(true).0[0] == 0 { SightingError::Mirrored { band } } else { SightingError::Unlike { band, wrong } })
 }
 
-/// Places that are not as the target says: a dot where there is none, or of another size.
-fn wrong(target: &Target, lattice: &Lattice, spots: &[Spot], placement: &Placement) -> usize {
+/// Places that are not as the target says: dots where there are none or of another size; and dots that are not shown.
+fn wrong(target: &Target, lattice: &Lattice, spots: &[Spot], placement: &Placement) -> [usize; 2] {
     let spec = target.spec();
     if spec.fiducials.is_empty() {
-        return 0;
+        return [0, 0];
     }
     let typical_px = median(lattice.at.values().map(|index| spots[*index].area_px.sqrt()));
     let is_wrong = |(place, feature): &(&[i32; 2], &usize)| {
@@ -241,8 +242,7 @@ fn wrong(target: &Target, lattice: &Lattice, spots: &[Spot], placement: &Placeme
             None => is_larger(target, seen),
         }
     };
-    let shown = lattice.at.iter().filter(is_wrong).count();
-    shown + missed(target, lattice, placement)
+    [lattice.at.iter().filter(is_wrong).count(), missed(target, lattice, placement)]
 }
 
 /// Whether a dot is as large, relative to the typical one, as the target's larger dots.
@@ -347,12 +347,19 @@ mod tests {
     #[test]
     fn a_whole_target_is_labelled_in_both_bands() {
         let target = target(vec![missing(0, 1)]);
+        let middle = target.dot_at(2, 3).unwrap();
         for turn_rad in [0.1, 1.4, 3.0, -2.0] {
             let bands = [("a", seen(&target, turn_rad, 90.0, 1.0)), ("b", seen(&target, turn_rad, 75.0, 1.0))];
             let sighting = recognise(&target, &bands, AXIS_PX).unwrap();
             for labelled in sighting {
                 assert_eq!(labelled, (0..34).map(|dot| (dot, dot)).collect::<Vec<_>>());
             }
+            // The masks shut both bands on the axis.
+            let mut holed = seen(&target, turn_rad, 90.0, 1.0);
+            holed.remove(middle);
+            let labelled = recognise(&target, &[("a", holed)], AXIS_PX).unwrap().remove(0);
+            let expected = (0..34).filter(|dot| *dot != middle).map(|dot| (dot, dot - usize::from(dot > middle)));
+            assert_eq!(labelled, expected.collect::<Vec<_>>());
         }
     }
 
