@@ -41,11 +41,19 @@ impl Near {
         let (shift_u, shift_v, reach) = (shift(0), shift(1), near.spot.reach_px() as f32);
         self.index.clear();
         self.places.clear();
-        for (index, (du, dv)) in places.du.iter().zip(&places.dv).enumerate() {
+        const MANY: usize = 16;
+        let is_near = |du: f32, dv: f32| {
             let (du, dv) = (du + shift_u, dv + shift_v);
-            if du * du + dv * dv < reach * reach {
-                self.index.push(index as u32);
-                self.places.push(du, dv);
+            du * du + dv * dv < reach * reach
+        };
+        for (chunk, (du, dv)) in places.du.chunks(MANY).zip(places.dv.chunks(MANY)).enumerate() {
+            // Most pixels are no neighbour's.
+            let near = du.iter().zip(dv).map(|(du, dv)| u32::from(is_near(*du, *dv)));
+            if near.sum::<u32>() > 0 {
+                for (lane, (du, dv)) in du.iter().zip(dv).enumerate().filter(|(_, (du, dv))| is_near(**du, **dv)) {
+                    self.index.push((chunk * MANY + lane) as u32);
+                    self.places.push(du + shift_u, dv + shift_v);
+                }
             }
         }
         if !self.index.is_empty() {

@@ -116,6 +116,7 @@ pub(crate) struct Meetings {
 impl Meetings {
     /// Finds the edge of the dot in the pencils that are touched.
     fn find(&mut self, local: &Local, places: &Places) {
+        self.kind.clear();
         self.kind.resize(places.len(), 0.0);
         kinds(local, places, &self.touched, &mut self.kind);
         self.soft.clear();
@@ -132,7 +133,7 @@ impl Meetings {
 
 #[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
 fn kinds(local: &Local, places: &Places, touched: &[f32], kind: &mut [f32]) {
-    let count = places.len();
+    let count = places.edge;
     let (du, dv) = (&places.du[..count], &places.dv[..count]);
     let (touched, kind) = (&touched[..count], &mut kind[..count]);
     for index in 0..count {

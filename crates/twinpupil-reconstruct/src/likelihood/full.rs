@@ -1,6 +1,5 @@
 //! What the pixels say that a spot fills: they differ by noise and by the illumination's slope alone, so sums tell all.
 
-use multiversion::multiversion;
 use nalgebra::{Matrix2, Matrix3, Vector2};
 
 use crate::likelihood::black::Black;
@@ -71,7 +70,7 @@ const FOREIGN_SHARE: f64 = 0.02;
 
 impl Full {
     /// Of no pixel yet, about a level.
-    pub(crate) fn about(level: f32) -> Self {
+    fn about(level: f32) -> Self {
         Self {
             level: f64::from(level),
             count: 0.0,
@@ -89,28 +88,6 @@ impl Full {
     /// Number of pixels.
     pub(crate) fn count(&self) -> f64 {
         self.count
-    }
-
-    /// Adds a row.
-    pub(crate) fn add(&mut self, row: &FullRow<'_>) {
-        let RowSums { code, code_index, code2, lowest, highest } = row_sums(row, self.level as f32);
-        let n = row.count as f64;
-        let step = row.step as f64;
-        // Σk and Σk² over k = 0 … n − 1.
-        let (index, index2) = (0.5 * n * (n - 1.0), n * (n - 1.0) * (2.0 * n - 1.0) / 6.0);
-        let u = n * row.first_px + step * index;
-        self.count += n;
-        self.place[0] += u;
-        self.place[1] += n * row.dv_px;
-        self.places[0] += n * row.first_px * row.first_px + 2.0 * row.first_px * step * index + step * step * index2;
-        self.places[1] += u * row.dv_px;
-        self.places[2] += n * row.dv_px * row.dv_px;
-        self.code += code;
-        self.code_place[0] += row.first_px * code + step * code_index;
-        self.code_place[1] += row.dv_px * code;
-        self.code2 += code2;
-        self.lowest = self.lowest.min(lowest);
-        self.highest = self.highest.max(highest);
     }
 
     /// Whether all pixels are about alike and none is saturated.
@@ -148,7 +125,8 @@ impl Full {
         code_max: u16,
         is_own: impl Fn([f64; 2], f64) -> bool,
     ) -> Self {
-        let mut kept = Self::about(self.level as f32);
+        let mut kept = Tally::about(self.level as f32);
+        let mut masked = 0;
         for row in rows {
             for (k, code) in row.codes.iter().step_by(row.step).take(row.count).enumerate() {
                 let place = [row.first_px + (row.step * k) as f64, row.dv_px];
@@ -161,11 +139,11 @@ impl Full {
                         dv_px: place[1],
                     });
                 } else {
-                    kept.masked += 1;
+                    masked += 1;
                 }
             }
         }
-        kept
+        Self { masked, ..kept.finish() }
     }
 
     /// The level with a slope that fits the codes best.
@@ -228,48 +206,120 @@ impl Incline {
     }
 }
 
-/// Σd, Σkd, Σd² of the codes d above a level of a row's k-th pixels, and their extremes.
-struct RowSums {
-    code: f64,
-    code_index: f64,
-    code2: f64,
-    lowest: f64,
-    highest: f64,
+/// Pixels side by side.
+const LANES: usize = 8;
+
+/// Rows whose sums may stay in single precision.
+const ROWS: usize = 32;
+
+/// Adds up rows of pixels.
+#[derive(Debug, Clone)]
+pub(crate) struct Tally {
+    full: Full,
+    rows: usize,
+    /// Σd, Σdu, Σdv and Σd² of the rows that are not in the sums yet.
+    sums: [[f32; LANES]; 4],
+    lowest: [f32; LANES],
+    highest: [f32; LANES],
 }
 
-#[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
-fn row_sums(row: &FullRow<'_>, level: f32) -> RowSums {
-    const LANES: usize = 8;
-    let (mut code, mut code_index, mut code2) = ([0.0_f32; LANES], [0.0_f32; LANES], [0.0_f32; LANES]);
-    let (mut lowest, mut highest) = ([f32::INFINITY; LANES], [f32::NEG_INFINITY; LANES]);
-    let mut add = |lane: usize, index: usize, value: u16| {
-        let d = f32::from(value) - level;
-        code[lane] += d;
-        code_index[lane] += d * index as f32;
-        code2[lane] += d * d;
-        lowest[lane] = lowest[lane].min(d);
-        highest[lane] = highest[lane].max(d);
-    };
-    let whole = row.count / LANES * LANES;
-    let strided = |k: usize| row.codes[k * row.step];
-    if row.step == 2 && 2 * whole <= row.codes.len() {
-        for (chunk, pairs) in row.codes[..2 * whole].as_chunks::<2>().0.as_chunks::<LANES>().0.iter().enumerate() {
-            for (lane, pair) in pairs.iter().enumerate() {
-                add(lane, chunk * LANES + lane, pair[0]);
+impl Tally {
+    /// Of no pixel yet, about a level.
+    pub(crate) fn about(level: f32) -> Self {
+        Self {
+            full: Full::about(level),
+            rows: 0,
+            sums: [[0.0; LANES]; 4],
+            lowest: [f32::INFINITY; LANES],
+            highest: [f32::NEG_INFINITY; LANES],
+        }
+    }
+
+    /// Adds a row.
+    #[inline(always)]
+    pub(crate) fn add(&mut self, row: &FullRow<'_>) {
+        if row.count == 0 {
+            return;
+        }
+        self.place(row);
+        let (level, first_px, dv_px) = (self.full.level as f32, row.first_px as f32, row.dv_px as f32);
+        for start in (0..row.count).step_by(LANES) {
+            let left = (row.count - start).min(LANES);
+            let values = chunk(row, start);
+            let mut codes = [0.0; LANES];
+            for lane in 0..LANES {
+                let d = values[lane] - level;
+                codes[lane] = if lane < left { d } else { 0.0 };
+                self.lowest[lane] = self.lowest[lane].min(if lane < left { d } else { f32::INFINITY });
+                self.highest[lane] = self.highest[lane].max(if lane < left { d } else { f32::NEG_INFINITY });
+            }
+            let [code, code_u, code_v, code2] = &mut self.sums;
+            for lane in 0..LANES {
+                let d = codes[lane];
+                let u = first_px + row.step as f32 * ((start + lane) as u32) as f32;
+                code[lane] += d;
+                code_u[lane] += d * u;
+                code_v[lane] += d * dv_px;
+                code2[lane] += d * d;
             }
         }
+        self.rows += 1;
+        if self.rows == ROWS {
+            self.settle();
+        }
+    }
+
+    /// Adds where the pixels of a row lie.
+    #[inline(always)]
+    fn place(&mut self, FullRow { step, count, first_px, dv_px, .. }: &FullRow<'_>) {
+        let (n, step) = (*count as f64, *step as f64);
+        // The places are evenly spaced about their middle: Σ(k − k̄)² = n (n² − 1)/12.
+        let middle = first_px + 0.5 * step * (n - 1.0);
+        let Full { count, place, places, .. } = &mut self.full;
+        *count += n;
+        place[0] += n * middle;
+        place[1] += n * dv_px;
+        places[0] += n * (middle * middle + step * step * (n * n - 1.0) / 12.0);
+        places[1] += n * middle * dv_px;
+        places[2] += n * dv_px * dv_px;
+    }
+
+    fn settle(&mut self) {
+        let [code, code_u, code_v, code2] = self.sums.map(|lanes| f64::from(lanes.iter().sum::<f32>()));
+        self.full.code += code;
+        self.full.code_place[0] += code_u;
+        self.full.code_place[1] += code_v;
+        self.full.code2 += code2;
+        self.sums = [[0.0; LANES]; 4];
+        self.rows = 0;
+    }
+
+    /// The sums over all rows.
+    pub(crate) fn finish(mut self) -> Full {
+        self.settle();
+        self.full.lowest = self.lowest.iter().fold(f64::INFINITY, |least, d| least.min(f64::from(*d)));
+        self.full.highest = self.highest.iter().fold(f64::NEG_INFINITY, |most, d| most.max(f64::from(*d)));
+        self.full
+    }
+}
+
+/// Some codes of a row, from one on; what lies beyond its end is no matter.
+#[inline(always)]
+fn chunk(row: &FullRow<'_>, start: usize) -> [f32; LANES] {
+    let codes = row.codes.get(start * row.step..).unwrap_or_default();
+    let mut values = [0.0; LANES];
+    if let (2, Some(codes)) = (row.step, codes.first_chunk::<{ 2 * LANES }>()) {
+        for lane in 0..LANES {
+            values[lane] = f32::from(codes[2 * lane]);
+        }
+    } else if let (1, Some(codes)) = (row.step, codes.first_chunk::<LANES>()) {
+        for lane in 0..LANES {
+            values[lane] = f32::from(codes[lane]);
+        }
     } else {
-        (0..whole).for_each(|k| add(k % LANES, k, strided(k)));
+        values.iter_mut().zip(codes.iter().step_by(row.step)).for_each(|(value, code)| *value = f32::from(*code));
     }
-    (whole..row.count).for_each(|k| add(k % LANES, k, strided(k)));
-    let sum = |lanes: [f32; LANES]| f64::from(lanes.iter().sum::<f32>());
-    RowSums {
-        code: sum(code),
-        code_index: sum(code_index),
-        code2: sum(code2),
-        lowest: f64::from(lowest.into_iter().fold(f32::INFINITY, f32::min)),
-        highest: f64::from(highest.into_iter().fold(f32::NEG_INFINITY, f32::max)),
-    }
+    values
 }
 
 #[cfg(test)]
@@ -291,9 +341,9 @@ mod tests {
     }
 
     fn of(rows: &[FullRow<'_>]) -> Full {
-        let mut full = Full::about(990.0);
-        rows.iter().for_each(|row| full.add(row));
-        full
+        let mut tally = Tally::about(990.0);
+        rows.iter().for_each(|row| tally.add(row));
+        tally.finish()
     }
 
     fn codes() -> Vec<u16> {

@@ -6,6 +6,7 @@ use crate::likelihood::body::{BandLight, Body};
 use crate::likelihood::coupling::Near;
 use crate::likelihood::joint::Joint;
 use crate::likelihood::light::{Light, Places};
+use crate::likelihood::outline::Outline;
 use crate::likelihood::samples::{Rings, Samples, Share};
 use crate::likelihood::spot::Spot;
 use crate::quantile::median;
@@ -22,6 +23,7 @@ struct Growth {
 pub(crate) struct Glance {
     samples: Samples,
     places: Places,
+    codes: Vec<f32>,
     others: Vec<f32>,
     near: Near,
     modelled: Light,
@@ -157,12 +159,18 @@ const UNEXPLAINED_CHI2: f64 = 1.3;
 fn modelled_growth(joint: &Joint<'_>, index: usize, band: usize, glance: &mut Glance) -> Option<Growth> {
     const OTHERS: usize = 6;
     let (view, light) = (&joint.bands[band], joint.bodies[index].bands[band].as_ref()?);
-    let Glance { samples, places, others, near, modelled, .. } = glance;
+    let Glance { samples, places, codes, others, near, modelled, .. } = glance;
     let spot = &light.spot;
     samples.clear();
-    let rings = Rings { centre_px: spot.centre_px, window_px: view.window_px(spot), full_px: 0.0 };
-    let window = samples.read(&view.plane, view.black.noise(), &rings, 0.0);
-    let codes = samples.about(&window, Share::All, spot.centre_px, places);
+    let rings = Rings {
+        outline: Outline::of(spot),
+        window_px: view.window_px(spot),
+        sums_inside: false,
+        sums_ground: false,
+        levels: [0.0; 2],
+    };
+    let window = samples.read(&view.plane, view.black.noise(), &rings);
+    samples.about(&window, Share::All, spot.centre_px, places, codes);
     others.clear();
     others.resize(codes.len(), 0.0);
     for neighbour in joint.buffers.neighbours.of(index * joint.bands.len() + band) {

@@ -6,11 +6,12 @@ use twinpupil_instrument::{Page, PlaneView};
 use crate::likelihood::black::Black;
 use crate::likelihood::body::{BandLight, Body};
 use crate::likelihood::coupling::{Coupling, Near, NearLight};
-use crate::likelihood::full::FullLight;
+use crate::likelihood::full::{Full, FullLight};
 use crate::likelihood::illumination::{bend, shift_px};
 use crate::likelihood::light::{Light, Places};
 use crate::likelihood::neighbours::{Circle, Neighbours};
 use crate::likelihood::normal::Normal;
+use crate::likelihood::outline::Outline;
 use crate::likelihood::pencil::Pencil;
 use crate::likelihood::samples::{Rings, Samples};
 use crate::likelihood::spot::{Dot, Raster, Spot, SpotJacobian};
@@ -34,6 +35,7 @@ pub(crate) struct Buffers {
     samples: Samples,
     /// The samples of the spot that is looked at, about its centre, its light there and that of others.
     places: Places,
+    codes: Vec<f32>,
     own: Light,
     narrow: Light,
     others: Vec<f32>,
@@ -209,14 +211,13 @@ impl Joint<'_> {
         if light.window.as_ref().is_some_and(|window| window.serves(&rings, reach_px)) {
             return;
         }
-        let level = (light.contrast + light.background + view.black.noise().black_level) as f32;
-        let window = self.buffers.samples.read(&view.plane, view.black.noise(), &rings, level);
+        let window = self.buffers.samples.read(&view.plane, view.black.noise(), &rings);
         if let Some(light) = &mut self.bodies[index].bands[band] {
             light.window = Some(window);
         }
     }
 
-    /// The window about a spot, and the part of it that the spot fills and no other reaches.
+    /// The window about a spot; masks and others whose light reaches into it make its parts uneven.
     fn rings(&self, index: usize, band: usize, light: &BandLight) -> Rings {
         let [u_px, v_px] = light.spot.centre_px;
         let gap_px = |neighbour: &u32| {
@@ -225,10 +226,16 @@ impl Joint<'_> {
             Some((du * du + dv * dv).sqrt() - spot.reach_px())
         };
         let gaps_px = self.buffers.neighbours.of(index * self.bands.len() + band).iter().filter_map(gap_px);
+        let gap_px = gaps_px.fold(f64::INFINITY, f64::min);
+        let window_px = self.bands[band].window_px(&light.spot);
+        let is_open = !light.spot.is_clipped();
+        let ground = light.background + self.bands[band].black.noise().black_level;
         Rings {
-            centre_px: light.spot.centre_px,
-            window_px: self.bands[band].window_px(&light.spot),
-            full_px: gaps_px.fold(light.spot.full_px(), f64::min).max(0.0),
+            outline: Outline::of(&light.spot),
+            window_px,
+            sums_inside: is_open && gap_px > light.spot.radius_px,
+            sums_ground: is_open && gap_px > window_px,
+            levels: [light.contrast + ground, ground].map(|level| level as f32),
         }
     }
 
@@ -238,13 +245,15 @@ impl Joint<'_> {
         let Some(light) = &body.bands[band] else { return };
         let Some(window) = &light.window else { return };
         let view = &bands[band];
-        let Buffers { samples, places, own, narrow, others, near, weights, weighted, neighbours, couplings, .. } =
-            &mut **buffers;
-        let codes = samples.about(window, body.seen, light.spot.centre_px, places);
+        let Buffers {
+            samples, places, codes, own, narrow, others, near, weights, weighted, neighbours, couplings, ..
+        } = &mut **buffers;
+        samples.about(window, body.seen, light.spot.centre_px, places, codes);
         let near_lights = || {
             neighbours.of(index * bands.len() + band).iter().filter_map(|neighbour| {
                 let other = *neighbour as usize / bands.len();
-                Some((other, bodies[other].bands[band].as_ref()?))
+                let near = bodies[other].bands[band].as_ref()?;
+                window.is_reached(&near.spot).then_some((other, near))
             })
         };
         others.clear();
@@ -264,13 +273,16 @@ impl Joint<'_> {
         let saturated = f32::from(view.plane.code_max);
         let judge = Judge::new(view.black, saturated, limit);
         weights.compare(codes, places, own, others, &levels, &judge);
-        let mut normal = Normal::of(own, light.contrast, weights, weighted);
+        let mut normal = Normal::of(own, places, light.contrast, weights, weighted);
+        let [offset_u, offset_v] = window.offset_px(light.spot.centre_px);
+        let growth = light.illumination_slope;
+        let lit = 1.0 - growth[0] * offset_u - growth[1] * offset_v;
+        let sums = |full: &Full, level: f64| full.sums(&FullLight { level, lit, growth }, view.black);
         if window.full.count() > 0.0 {
-            let [offset_u, offset_v] = window.offset_px(light.spot.centre_px);
-            let growth = light.illumination_slope;
-            let level = light.contrast + light.background;
-            let full_light = FullLight { level, lit: 1.0 - growth[0] * offset_u - growth[1] * offset_v, growth };
-            normal.add_full(&window.full.sums(&full_light, view.black), window.full.masked);
+            normal.add_full(&sums(&window.full, light.contrast + light.background), window.full.masked);
+        }
+        if window.ground.count() > 0.0 {
+            normal.add_ground(&sums(&window.ground, light.background));
         }
         if let Some(expected) = body.expected_contrast(light) {
             normal.expect_contrast(expected.value - light.contrast, expected.std);

@@ -39,6 +39,7 @@ impl Bend {
             let (uu, uv, vv) = (du * du, du * dv, dv * dv);
             straight.push(du - au * uu - bu * uv - cu * vv, dv - av * uu - bv * uv - cv * vv);
         }
+        (straight.edge, straight.lit) = (places.edge, places.lit);
     }
 }
 

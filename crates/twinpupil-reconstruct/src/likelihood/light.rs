@@ -1,15 +1,19 @@
 //! The light of a spot at places on the page, and how it changes with the spot.
 
 use crate::likelihood::cut::{Meetings, cut, slanted};
+use crate::likelihood::profile::Profile;
 use crate::likelihood::sharp::sharp;
 use crate::likelihood::soft::{soft, wide};
 use crate::likelihood::spot::Spot;
 
-/// Centres of pixels from the outline's centre, px.
+/// Centres of pixels from the outline's centre, px: first those that may feel the edge of the dot, up to `lit` those that
+/// see nothing but the dot, then those that see none of it.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Places {
     pub(crate) du: Vec<f32>,
     pub(crate) dv: Vec<f32>,
+    pub(crate) edge: usize,
+    pub(crate) lit: usize,
 }
 
 /// Light in every pixel, relative to a pixel that sees only the dot through an open pupil, and its derivatives, per px.
@@ -58,11 +62,14 @@ impl Places {
     pub(crate) fn clear(&mut self) {
         self.du.clear();
         self.dv.clear();
+        (self.edge, self.lit) = (0, 0);
     }
 
+    /// Adds a pixel that may feel the edge.
     pub(crate) fn push(&mut self, du: f32, dv: f32) {
         self.du.push(du);
         self.dv.push(dv);
+        (self.edge, self.lit) = (self.du.len(), self.du.len());
     }
 
     pub(crate) fn len(&self) -> usize {
@@ -79,14 +86,26 @@ impl Light {
         }
     }
 
-    /// Becomes the light of a spot.
-    pub(crate) fn fill(&mut self, spot: &Spot, places: &Places) {
+    /// Makes place for pixels, of which those that do not feel the edge get all light or none.
+    fn prepare(&mut self, places: &Places) {
         self.resize(places.len());
         self.open.fill(1.0);
+        self.light[places.edge..places.lit].fill(1.0);
+        self.light[places.lit..].fill(0.0);
+        for values in [&mut self.with_u, &mut self.with_v, &mut self.with_radius, &mut self.with_blur] {
+            values[places.edge..].fill(0.0);
+        }
+    }
+
+    /// Becomes the light of a spot.
+    pub(crate) fn fill(&mut self, spot: &Spot, places: &Places) {
+        self.prepare(places);
         let mut straight = std::mem::take(&mut self.straight);
         let places = spot.straightened(places, &mut straight);
         let local = Local::of(spot);
-        if spot.blur_px_max() < SHARP_PX {
+        if Profile::serves(spot, places.edge) {
+            Profile::of(&local).fill(&local, places, self);
+        } else if spot.blur_px_max() < SHARP_PX {
             sharp(&local, f32::INFINITY, places, self);
         } else if spot.blur_px_min() < WIDE_PX {
             soft(&local, places, self);
@@ -148,7 +167,8 @@ impl EdgeView {
         let per_radius = 1.0 / local.radius_px;
         let (ex, ey) = ((xx * du + xy * dv) * per_radius, (yx * du + yy * dv) * per_radius);
         let q = (ex * ex + ey * ey).max(1e-12).sqrt();
-        let (nx, ny) = (ex / q, ey / q);
+        // In the very middle every way leads out.
+        let (nx, ny) = if q > 1e-5 { (ex / q, ey / q) } else { (1.0, 0.0) };
         let (gx, gy) = (nx * xx + ny * yx, nx * xy + ny * yy);
         let per_gradient = 1.0 / (gx * gx + gy * gy).sqrt();
         // The same along the edge.

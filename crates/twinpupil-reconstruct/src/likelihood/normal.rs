@@ -1,10 +1,12 @@
 //! Normal equations of weighted least squares.
 
+use std::ops::Range;
+
 use multiversion::multiversion;
 use nalgebra::{Matrix2, Matrix4, Matrix4x2, Matrix6, Vector2, Vector4, Vector6};
 
 use crate::likelihood::full::FullSums;
-use crate::likelihood::light::Light;
+use crate::likelihood::light::{Light, Places};
 use crate::likelihood::weigh::Weights;
 
 /// Unknowns of a spot in one band: u, v, radius, blur, contrast, background.
@@ -40,11 +42,17 @@ impl Default for Normal {
 
 impl Normal {
     /// Of pixels that see a spot of some contrast.
-    pub(crate) fn of(light: &Light, contrast: f64, weights: &Weights, weighted: &mut Vec<f32>) -> Self {
+    pub(crate) fn of(
+        light: &Light,
+        places: &Places,
+        contrast: f64,
+        weights: &Weights,
+        weighted: &mut Vec<f32>,
+    ) -> Self {
         let count = weights.weight.len();
         weighted.resize(BLOCK, 0.0);
         let mut sums = Sums::default();
-        sums.fill(light, weights, weighted);
+        sums.fill(light, places.edge, weights, weighted);
         let scales = [contrast, contrast, contrast, contrast, 1.0, 1.0];
         let information = |i: usize, k: usize| sums.products[i.min(k)][i.max(k)] * scales[i] * scales[k];
         Self {
@@ -67,6 +75,14 @@ impl Normal {
         self.chi2 += full.chi2;
         self.used += full.used;
         self.masked += masked;
+    }
+
+    /// Adds ground that sees none of the dot.
+    pub(crate) fn add_ground(&mut self, ground: &FullSums) {
+        self.score[5] += ground.score;
+        self.information[(5, 5)] += ground.information;
+        self.chi2 += ground.chi2;
+        self.used += ground.used;
     }
 
     /// Adds what is known of the contrast beforehand: how far above the present one it should be, with its deviation.
@@ -114,15 +130,24 @@ struct Sums {
 }
 
 impl Sums {
-    fn fill(&mut self, light: &Light, weights: &Weights, weighted: &mut [f32]) {
+    /// The first `edge` pixels feel all unknowns, the others contrast and background alone.
+    fn fill(&mut self, light: &Light, edge: usize, weights: &Weights, weighted: &mut [f32]) {
         let Light { light, with_u, with_v, with_radius, with_blur, open, .. } = light;
         let columns: [&[f32]; UNKNOWNS] = [with_u, with_v, with_radius, with_blur, light, open];
         let count = weights.weight.len();
-        for start in (0..count).step_by(BLOCK) {
-            let block = start..(start + BLOCK).min(count);
+        let blocks = |range: Range<usize>| {
+            let end = range.end;
+            range.step_by(BLOCK).map(move |start| start..(start + BLOCK).min(end))
+        };
+        for block in blocks(0..edge) {
             let (weight, residual) = (&weights.weight[block.clone()], &weights.residual[block.clone()]);
             let columns = columns.map(|column| &column[block.clone()]);
-            add_products(columns, weight, residual, &mut weighted[..block.len()], self);
+            add_products(columns, weight, residual, &mut weighted[..block.len()], 0, self);
+        }
+        for block in blocks(edge..count) {
+            let (weight, residual) = (&weights.weight[block.clone()], &weights.residual[block.clone()]);
+            let columns = [&light[block.clone()], &open[block.clone()]];
+            add_products(columns, weight, residual, &mut weighted[..block.len()], 4, self);
         }
     }
 }
@@ -131,13 +156,20 @@ impl Sums {
 const BLOCK: usize = 512;
 
 #[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
-fn add_products(columns: [&[f32]; UNKNOWNS], weight: &[f32], residual: &[f32], weighted: &mut [f32], sums: &mut Sums) {
-    for i in 0..UNKNOWNS {
-        scale(weighted, weight, columns[i]);
-        for (product, column) in sums.products[i].iter_mut().zip(&columns).skip(i) {
+fn add_products<const N: usize>(
+    columns: [&[f32]; N],
+    weight: &[f32],
+    residual: &[f32],
+    weighted: &mut [f32],
+    first: usize,
+    sums: &mut Sums,
+) {
+    for (i, column) in columns.into_iter().enumerate() {
+        scale(weighted, weight, column);
+        for (product, column) in sums.products[first + i][first..].iter_mut().zip(&columns).skip(i) {
             *product += sum(weighted, column);
         }
-        sums.score[i] += sum(weighted, residual);
+        sums.score[first + i] += sum(weighted, residual);
     }
     scale(weighted, weight, residual);
     sums.chi2 += sum(weighted, residual);

@@ -1,26 +1,48 @@
 //! The pixels of a plane about its spots, read once.
 
+use std::hint::black_box;
+
 use multiversion::multiversion;
 use twinpupil_instrument::PlaneView;
 
-use crate::likelihood::full::{Full, FullRow};
+use crate::likelihood::full::{Full, FullRow, Tally};
 use crate::likelihood::light::Places;
+use crate::likelihood::outline::{Curve, Outline, Side};
+use crate::likelihood::spot::Spot;
 use crate::noise::Noise;
 
 /// Pixels about all spots of a frame, one window after the other.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Samples {
-    /// Places about the centres of their windows.
-    places: Places,
+    /// Those that feel an edge, those that see nothing but a dot, and those that see none of it.
+    zones: [Zone; ZONES],
+}
+
+/// The first `count` pixels, and their places about the centres of their windows; the rest is room for more.
+#[derive(Debug, Clone, Default)]
+struct Zone {
+    count: usize,
+    du: Vec<f32>,
+    dv: Vec<f32>,
     codes: Vec<f32>,
 }
 
-/// Circles about a centre: the window, and within it the pixels that the spot fills.
+const ZONES: usize = 3;
+const EDGE: usize = 0;
+const INSIDE: usize = 1;
+
+/// What is to be read about a spot.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Rings {
-    pub(crate) centre_px: [f64; 2],
+    pub(crate) outline: Outline,
+    /// Radius of the window.
     pub(crate) window_px: f64,
-    pub(crate) full_px: f64,
+    /// Whether what the spot fills is equally bright but for noise and the illumination, so that sums tell all of it; and
+    /// whether the ground about it is.
+    pub(crate) sums_inside: bool,
+    pub(crate) sums_ground: bool,
+    /// Codes of both, about.
+    pub(crate) levels: [f32; 2],
 }
 
 /// How many of the rows of a window are looked at.
@@ -30,14 +52,16 @@ pub(crate) enum Share {
     All,
 }
 
-/// The pixels about one spot: samples that its edge or its surroundings share, and sums over those that it fills.
+/// The pixels about one spot: samples, and sums over those that differ by noise alone.
 #[derive(Debug, Clone)]
 pub(crate) struct Window {
     rings: Rings,
-    first: usize,
-    /// Samples of the rows of every [`Share`].
-    counts: [usize; 2],
+    first: [usize; ZONES],
+    /// Where the samples of the rows of every [`Share`] end.
+    ends: [[usize; ZONES]; 2],
+    /// Of the pixels that the spot fills, and of the ground.
     pub(crate) full: Full,
+    pub(crate) ground: Full,
 }
 
 /// Every which row is of the quarter.
@@ -52,105 +76,229 @@ const SLACK_PX: f64 = 1.0;
 impl Window {
     /// Whether it still serves a spot with these rings, whose light reaches `reach_px`.
     pub(crate) fn serves(&self, rings: &Rings, reach_px: f64) -> bool {
-        let [du, dv] = [0, 1].map(|axis| rings.centre_px[axis] - self.rings.centre_px[axis]);
-        let moved_px = (du * du + dv * dv).sqrt();
-        let spare_px = if self.full.count() > 0.0 { rings.full_px - self.rings.full_px } else { f64::INFINITY };
-        moved_px <= spare_px && moved_px + reach_px <= self.rings.window_px
+        let [du, dv] = self.offset_px(rings.outline.centre_px);
+        let is_summable =
+            (rings.sums_inside || self.full.count() == 0.0) && (rings.sums_ground || self.ground.count() == 0.0);
+        is_summable && du.hypot(dv) + reach_px <= self.rings.window_px && self.rings.outline.holds(&rings.outline)
+    }
+
+    /// Whether the light of another spot falls into it.
+    pub(crate) fn is_reached(&self, other: &Spot) -> bool {
+        let [du, dv] = self.offset_px(other.centre_px);
+        du.hypot(dv) < self.rings.window_px + other.reach_px()
     }
 
     /// The smallest share of it that tells something: small windows are not shared.
     pub(crate) fn share(&self, share: Share) -> Share {
-        if self.counts[share as usize] == self.counts[Share::All as usize] { Share::All } else { share }
+        if self.ends[share as usize] == self.ends[Share::All as usize] { Share::All } else { share }
     }
 
     /// Where a centre lies in its coordinates, px.
     pub(crate) fn offset_px(&self, centre_px: [f64; 2]) -> [f64; 2] {
-        [0, 1].map(|axis| centre_px[axis] - self.rings.centre_px[axis])
+        [0, 1].map(|axis| centre_px[axis] - self.rings.outline.centre_px[axis])
     }
 }
 
 impl Samples {
     pub(crate) fn clear(&mut self) {
-        self.places.clear();
-        self.codes.clear();
+        self.zones.iter_mut().for_each(|zone| zone.count = 0);
     }
 
-    /// Reads the pixels of a plane within the rings; the spot fills its inside with about `level` codes.
-    pub(crate) fn read(&mut self, plane: &PlaneView<'_>, noise: &Noise, rings: &Rings, level: f32) -> Window {
-        let rings = Rings { full_px: (rings.full_px - SLACK_PX).max(0.0), ..*rings };
-        let first = self.codes.len();
-        let mut full = Full::about(level);
-        let rows = rows(plane, rings.centre_px[1], rings.window_px);
+    /// Reads the pixels of a plane within the rings.
+    pub(crate) fn read(&mut self, plane: &PlaneView<'_>, noise: &Noise, rings: &Rings) -> Window {
+        let rings = Rings { outline: rings.outline.widened(SLACK_PX), ..*rings };
+        fetch(plane, &rings);
+        let mut window = self.read_zones(plane, &rings);
+        if !window.ground.is_even(noise, plane.code_max) {
+            // Something lies on the ground: pixel by pixel it can be left out.
+            self.zones.iter_mut().zip(window.first).for_each(|(zone, first)| zone.count = first);
+            window = self.read_zones(plane, &Rings { sums_ground: false, ..rings });
+        }
+        if !window.full.is_even(noise, plane.code_max) {
+            let curves = Curves::of(&rings);
+            let inside = rows(plane, rings.outline.centre_px[1], rings.window_px)
+                .map(|row| curves.row(plane, row))
+                .map(|row| row.stretch(plane, row.inner))
+                .filter(|row| row.count > 0);
+            window.full = window.full.without_foreign(noise, plane.code_max, inside);
+        }
+        window
+    }
+
+    fn read_zones(&mut self, plane: &PlaneView<'_>, rings: &Rings) -> Window {
+        let rows = rows(plane, rings.outline.centre_px[1], rings.window_px);
         let area = rows.len() * (2.0 * rings.window_px / plane.step_px as f64) as usize;
         let every = if area < SAMPLES_FEW { 1 } else { QUARTER };
-        rows.clone().step_by(every).for_each(|row| self.read_row(plane, row, &rings, &mut full));
-        let quarter = self.codes.len() - first;
-        let others = rows.clone().enumerate().filter(|(place, _)| place % every != 0);
-        others.for_each(|(_, row)| self.read_row(plane, row, &rings, &mut full));
-        let counts = [quarter, self.codes.len() - first];
-        if !full.is_even(noise, plane.code_max) {
-            full = full.without_foreign(noise, plane.code_max, rows.filter_map(|row| full_row(plane, row, &rings)));
-        }
-        Window { rings, first, counts, full }
+        let first = self.counts();
+        let curves = Curves::of(rings);
+        let mut tallies = rings.levels.map(Tally::about);
+        let mut read = |row: usize, zones: &mut [Zone; ZONES]| {
+            read_row(plane, &curves.row(plane, row), rings, zones, &mut tallies);
+        };
+        rows.clone().step_by(every).for_each(|row| read(row, &mut self.zones));
+        let quarter = self.counts();
+        rows.enumerate().filter(|(place, _)| place % every != 0).for_each(|(_, row)| read(row, &mut self.zones));
+        let [full, ground] = tallies.map(Tally::finish);
+        Window { rings: *rings, first, ends: [quarter, self.counts()], full, ground }
     }
 
-    fn read_row(&mut self, plane: &PlaneView<'_>, row: usize, rings: &Rings, full: &mut Full) {
-        let [u_px, v_px] = rings.centre_px;
-        let dv_px = plane.frame_v_px(row as f64) - v_px;
-        let Some(window) = span(plane, u_px, dv_px, rings.window_px) else { return };
-        let inner = span(plane, u_px, dv_px, rings.full_px).unwrap_or(Span { first: window.end, end: window.end });
-        for Span { first, end } in [Span { end: inner.first, ..window }, Span { first: inner.end, ..window }] {
-            if end > first {
-                let start = self.codes.len();
-                let Places { du, dv } = &mut self.places;
-                for values in [&mut *du, dv, &mut self.codes] {
-                    values.resize(start + end - first, dv_px as f32);
-                }
-                read_span(plane, row, first, u_px, &mut self.codes[start..], &mut du[start..]);
-            }
-        }
-        if inner.end > inner.first {
-            full.add(&full_span(plane, row, inner, rings));
-        }
+    /// Samples in every zone.
+    fn counts(&self) -> [usize; ZONES] {
+        [0, 1, 2].map(|zone: usize| self.zones[zone].count)
     }
 
-    /// The samples of a window: their codes, and their places about a centre into `places`.
-    pub(crate) fn about(&self, window: &Window, share: Share, centre_px: [f64; 2], places: &mut Places) -> &[f32] {
-        let range = window.first..window.first + window.counts[share as usize];
+    /// The samples of a window, zone by zone: their codes, and their places about a centre.
+    pub(crate) fn about(
+        &self,
+        window: &Window,
+        share: Share,
+        centre_px: [f64; 2],
+        places: &mut Places,
+        codes: &mut Vec<f32>,
+    ) {
         let [offset_u, offset_v] = window.offset_px(centre_px).map(|offset| offset as f32);
         places.clear();
-        places.du.extend(self.places.du[range.clone()].iter().map(|du| du - offset_u));
-        places.dv.extend(self.places.dv[range.clone()].iter().map(|dv| dv - offset_v));
-        &self.codes[range]
+        codes.clear();
+        for (zone, Zone { du, dv, codes: of_zone, .. }) in self.zones.iter().enumerate() {
+            let range = window.first[zone]..window.ends[share as usize][zone];
+            places.du.extend(du[range.clone()].iter().map(|du| du - offset_u));
+            places.dv.extend(dv[range.clone()].iter().map(|dv| dv - offset_v));
+            codes.extend_from_slice(&of_zone[range]);
+            match zone {
+                EDGE => places.edge = codes.len(),
+                INSIDE => places.lit = codes.len(),
+                _ => {}
+            }
+        }
     }
 }
 
-/// The pixels of a row that the spot fills.
-fn full_row<'a>(plane: &PlaneView<'a>, row: usize, rings: &Rings) -> Option<FullRow<'a>> {
-    let [u_px, v_px] = rings.centre_px;
-    let inner = span(plane, u_px, plane.frame_v_px(row as f64) - v_px, rings.full_px)?;
-    Some(full_span(plane, row, inner, rings))
-}
-
-fn full_span<'a>(plane: &PlaneView<'a>, row: usize, Span { first, end }: Span, rings: &Rings) -> FullRow<'a> {
-    let [u_px, v_px] = rings.centre_px;
-    FullRow {
-        codes: &plane.line(row)[first * plane.step_px..],
-        step: plane.step_px,
-        count: end - first,
-        first_px: plane.frame_u_px(first as f64) - u_px,
-        dv_px: plane.frame_v_px(row as f64) - v_px,
+impl Zone {
+    /// Adds pixels of a row.
+    #[inline(always)]
+    fn read(&mut self, plane: &PlaneView<'_>, row: &Row, span: Span) {
+        let Self { count, du, dv, codes } = self;
+        let (start, end) = (*count, *count + span.len());
+        if codes.len() < end {
+            for values in [&mut *du, dv, codes] {
+                values.resize(2 * end, 0.0);
+            }
+        }
+        let (first_px, step_px) = (row.beside_px(plane, span.first) as f32, plane.step_px as f32);
+        for (k, du) in du[start..end].iter_mut().enumerate() {
+            *du = first_px + step_px * (k as u32) as f32;
+        }
+        dv[start..end].fill(row.dv_px as f32);
+        plane.read_span(row.row, span.first, &mut codes[start..end]);
+        *count = end;
     }
 }
 
-/// Reads codes of a row from a column on, and their places along it about `u_px`.
+/// Adds the pixels of a row to zones, or to the sums over what the spot fills and over the ground.
 #[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
-fn read_span(plane: &PlaneView<'_>, row: usize, first: usize, u_px: f64, codes: &mut [f32], du: &mut [f32]) {
-    let (first_px, step_px) = ((plane.frame_u_px(first as f64) - u_px) as f32, plane.step_px as f32);
-    for (k, du) in du.iter_mut().enumerate() {
-        *du = first_px + step_px * (k as u32) as f32;
+fn read_row(
+    plane: &PlaneView<'_>,
+    row: &Row,
+    rings: &Rings,
+    [edge, inside, beside]: &mut [Zone; ZONES],
+    [full, ground]: &mut [Tally; 2],
+) {
+    let Row { whole, outer, inner, .. } = *row;
+    for span in [Span { end: outer.first, ..whole }, Span { first: outer.end, ..whole }] {
+        if rings.sums_ground {
+            ground.add(&row.stretch(plane, span));
+        } else {
+            beside.read(plane, row, span);
+        }
     }
-    plane.read_span(row, first, codes);
+    for span in [Span { end: inner.first, ..outer }, Span { first: inner.end, ..outer }] {
+        edge.read(plane, row, span);
+    }
+    if rings.sums_inside {
+        full.add(&row.stretch(plane, inner));
+    } else {
+        inside.read(plane, row, inner);
+    }
+}
+
+/// Looks at the pixels of a window here and there, so that memory answers for many rows at a time rather than for each
+/// when its turn comes.
+fn fetch(plane: &PlaneView<'_>, Rings { outline, window_px, .. }: &Rings) {
+    const LINE: usize = 32;
+    let [u_px, v_px] = outline.centre_px;
+    let Span { first, end } = columns(plane, u_px, [-window_px, *window_px]);
+    let codes = rows(plane, v_px, *window_px).flat_map(|row| {
+        let line = plane.line(row);
+        line[..line.len().min(end * plane.step_px)].iter().skip(first * plane.step_px).step_by(LINE)
+    });
+    black_box(codes.map(|code| u32::from(*code)).sum::<u32>());
+}
+
+/// The window and both sides of the edge, ready to be crossed by rows.
+struct Curves {
+    centre_px: [f64; 2],
+    window_px: f64,
+    outer: Curve,
+    inner: Curve,
+}
+
+/// What a row shares with the window, with what lies within the outer side of the edge and within the inner one.
+struct Row {
+    row: usize,
+    u_px: f64,
+    dv_px: f64,
+    whole: Span,
+    outer: Span,
+    inner: Span,
+}
+
+impl Curves {
+    fn of(Rings { outline, window_px, .. }: &Rings) -> Self {
+        let [outer, inner] = [Side::Outer, Side::Inner].map(|side| outline.curve(side));
+        Self { centre_px: outline.centre_px, window_px: *window_px, outer, inner }
+    }
+
+    fn row(&self, plane: &PlaneView<'_>, row: usize) -> Row {
+        let [u_px, v_px] = self.centre_px;
+        let dv_px = plane.frame_v_px(row as f64) - v_px;
+        let half_px = (self.window_px * self.window_px - dv_px * dv_px).max(0.0).sqrt();
+        let whole = columns(plane, u_px, [-half_px, half_px]);
+        let outer = columns(plane, u_px, self.outer.crossings_px(dv_px)).within(whole);
+        let inner = columns(plane, u_px, self.inner.crossings_px(dv_px)).within(outer);
+        Row { row, u_px, dv_px, whole, outer, inner }
+    }
+}
+
+impl Row {
+    /// Where a column lies beside the centre, px.
+    #[inline(always)]
+    fn beside_px(&self, plane: &PlaneView<'_>, column: usize) -> f64 {
+        plane.frame_u_px(column as f64) - self.u_px
+    }
+
+    /// Pixels of it.
+    #[inline(always)]
+    fn stretch<'a>(&self, plane: &PlaneView<'a>, span: Span) -> FullRow<'a> {
+        FullRow {
+            codes: plane.line(self.row).get(span.first * plane.step_px..).unwrap_or_default(),
+            step: plane.step_px,
+            count: span.len(),
+            first_px: self.beside_px(plane, span.first),
+            dv_px: self.dv_px,
+        }
+    }
+}
+
+/// Columns between two places beside `u_px`; none if there is nothing between them.
+fn columns(plane: &PlaneView<'_>, u_px: f64, [low_px, high_px]: [f64; 2]) -> Span {
+    let (origin, per_px) = (plane.origin_px[0] as f64, 1.0 / plane.step_px as f64);
+    let columns = plane.columns as f64;
+    let low = ((u_px + low_px - origin) * per_px).clamp(0.0, columns);
+    let high = ((u_px + high_px - origin) * per_px + 1.0).clamp(0.0, columns);
+    // Rounded up and down: casts cut what is behind the point.
+    let first = low as usize + usize::from((low as usize) as f64 != low);
+    let end = high as usize;
+    if high_px > low_px { Span { first, end: end.max(first) } } else { Span { first, end: first } }
 }
 
 /// Columns `first..end` of a row.
@@ -160,6 +308,19 @@ struct Span {
     end: usize,
 }
 
+impl Span {
+    #[inline(always)]
+    fn len(self) -> usize {
+        self.end - self.first
+    }
+
+    /// The part of it in another.
+    fn within(self, around: Self) -> Self {
+        let first = self.first.clamp(around.first, around.end);
+        Self { first, end: self.end.clamp(first, around.end) }
+    }
+}
+
 /// Rows of a plane within a distance of a centre.
 fn rows(plane: &PlaneView<'_>, v_px: f64, radius_px: f64) -> std::ops::Range<usize> {
     let (origin, step) = (plane.origin_px[1] as f64, plane.step_px as f64);
@@ -167,18 +328,4 @@ fn rows(plane: &PlaneView<'_>, v_px: f64, radius_px: f64) -> std::ops::Range<usi
     let first = ((v_px - radius_px - origin) / step).ceil().clamp(0.0, rows) as usize;
     let end = (((v_px + radius_px - origin) / step).floor() + 1.0).clamp(0.0, rows) as usize;
     first..end.max(first)
-}
-
-/// Columns within a circle of the row that passes `dv_px` below its centre.
-fn span(plane: &PlaneView<'_>, u_px: f64, dv_px: f64, radius_px: f64) -> Option<Span> {
-    let square = radius_px * radius_px - dv_px * dv_px;
-    if square <= 0.0 {
-        return None;
-    }
-    let half_px = square.sqrt();
-    let (origin, per_px) = (plane.origin_px[0] as f64, 1.0 / plane.step_px as f64);
-    let columns = plane.columns as f64;
-    let first = ((u_px - half_px - origin) * per_px).ceil().clamp(0.0, columns) as usize;
-    let end = (((u_px + half_px - origin) * per_px).floor() + 1.0).clamp(0.0, columns) as usize;
-    (end > first).then_some(Span { first, end })
 }

@@ -22,7 +22,7 @@ const NEAR_PX: f32 = 2.0;
 /// by half the curvature times the mean square of both along the edge, `(b²/4 + 1/12) κ/2`.
 #[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
 pub(crate) fn sharp(local: &Local, blur_px_max: f32, places: &Places, out: &mut Light) {
-    let count = places.len();
+    let count = places.edge;
     let (du, dv) = (&places.du[..count], &places.dv[..count]);
     let out_light = &mut out.light[..count];
     let (with_u, with_v) = (&mut out.with_u[..count], &mut out.with_v[..count]);

@@ -23,7 +23,7 @@ const BETA_MIN: f32 = 1e-3;
 /// Fills light and derivatives of a spot; a pixel's square stands at three points across the edge.
 #[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
 pub(crate) fn soft(local: &Local, places: &Places, out: &mut Light) {
-    let count = places.len();
+    let count = places.edge;
     let (du, dv) = (&places.du[..count], &places.dv[..count]);
     let light = &mut out.light[..count];
     let (with_u, with_v) = (&mut out.with_u[..count], &mut out.with_v[..count]);
@@ -52,7 +52,7 @@ pub(crate) fn soft(local: &Local, places: &Places, out: &mut Light) {
 /// where the profile is not smooth; see [`reach`].
 #[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
 pub(crate) fn wide(local: &Local, places: &Places, out: &mut Light) {
-    let count = places.len();
+    let count = places.edge;
     let (du, dv) = (&places.du[..count], &places.dv[..count]);
     let light = &mut out.light[..count];
     let (with_u, with_v) = (&mut out.with_u[..count], &mut out.with_v[..count]);

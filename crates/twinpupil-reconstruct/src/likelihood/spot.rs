@@ -52,7 +52,7 @@ pub(crate) struct Raster {
 pub(crate) type SpotJacobian = nalgebra::Matrix4<f64>;
 
 /// Half-lit skirts reach this far beyond the blur's edge: half the diagonal of a pixel.
-const PIXEL_REACH_PX: f64 = 0.71;
+pub(crate) const PIXEL_REACH_PX: f64 = 0.71;
 
 impl Spot {
     /// The image of `dot`; `aberration_mm` is what the lens adds to its radius.
@@ -167,14 +167,6 @@ impl Spot {
     /// Distance from the centre beyond which no light of the dot falls, px.
     pub(crate) fn reach_px(&self) -> f64 {
         self.radius_px + self.blur_px_max() + PIXEL_REACH_PX
-    }
-
-    /// Distance from the centre within which every pixel sees nothing but the dot, px; 0 if none surely does.
-    pub(crate) fn full_px(&self) -> f64 {
-        if self.is_clipped() {
-            return 0.0;
-        }
-        (self.radius_px * (1.0 - self.foreshortening()) - self.blur_px_max() - PIXEL_REACH_PX).max(0.0)
     }
 
     /// How much shorter it is than it is long, relative to its length.

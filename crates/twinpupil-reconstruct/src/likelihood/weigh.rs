@@ -36,6 +36,9 @@ pub(crate) struct Judge<'a> {
     limit: f32,
 }
 
+/// Light that no sensor tells from that of the bare ground, codes.
+const BARE_CODES: f32 = 1e-3;
+
 /// Least change of a code with light that counts.
 const SLOPE_MIN: f32 = 1e-3;
 
@@ -74,25 +77,35 @@ impl Weights {
 
     /// Where codes near zero cannot be negative.
     fn clip_at_black(&mut self, codes: &[f32], places: &Places, levels: &Levels, judge: &Judge<'_>) {
-        let black_level = judge.black.noise().black_level as f32;
-        let [gu, gv] = levels.growth;
-        for (k, code) in codes.iter().enumerate() {
-            let light = self.model[k];
-            if light < judge.black.light_max && *code < judge.saturated {
-                let reading = judge.black.read(light);
-                let left = code - black_level - reading.mean;
-                let slope = reading.slope.max(SLOPE_MIN) * (1.0 + gu * places.du[k] + gv * places.dv[k]);
-                let out = left * left * reading.trust > judge.limit;
-                self.weight[k] = if out { 0.0 } else { reading.trust * slope * slope };
-                self.residual[k] = left / slope;
+        const MANY: usize = 16;
+        for start in (0..codes.len()).step_by(MANY) {
+            let pixels = start..(start + MANY).min(codes.len());
+            // Few pixels that are not bare ground lie near black.
+            let dark = self.model[pixels.clone()].iter().map(|light| u32::from(*light < judge.black.light_max));
+            if dark.sum::<u32>() > 0 {
+                pixels.for_each(|k| self.clip_one(k, codes[k], [places.du[k], places.dv[k]], levels, judge));
             }
         }
+    }
+
+    fn clip_one(&mut self, k: usize, code: f32, [du, dv]: [f32; 2], levels: &Levels, judge: &Judge<'_>) {
+        let light = self.model[k];
+        if light >= judge.black.light_max || code >= judge.saturated {
+            return;
+        }
+        let [gu, gv] = levels.growth;
+        let reading = judge.black.read(light);
+        let left = code - judge.black.noise().black_level as f32 - reading.mean;
+        let slope = reading.slope.max(SLOPE_MIN) * (1.0 + gu * du + gv * dv);
+        let out = left * left * reading.trust > judge.limit;
+        self.weight[k] = if out { 0.0 } else { reading.trust * slope * slope };
+        self.residual[k] = left / slope;
     }
 }
 
 /// What pixels of the bare ground read, all of which have the same light: most of those near black are such.
 struct Ground {
-    /// Their light; nothing is equal to it where the ground is bright or unevenly lit.
+    /// Their light; nothing is near it where the ground is bright or unevenly lit.
     light: f32,
     reading: Reading,
 }
@@ -133,7 +146,7 @@ fn weigh(
     for k in 0..count {
         let lit = 1.0 + gu * du[k] + gv * dv[k];
         let lights = others[k] + lit * (contrast * own[k] + background * open[k]);
-        let bare = lights == ground.light;
+        let bare = (lights - ground.light).abs() < BARE_CODES;
         let trust = if bare { ground.reading.trust } else { 1.0 / (floor + slope * lights.max(0.0)) };
         let left = codes[k] - black_level - if bare { ground.reading.mean } else { lights };
         let felt = if bare { ground.reading.slope } else { lit };
