@@ -177,6 +177,9 @@ impl Zone {
     /// Adds pixels of a row.
     #[inline(always)]
     fn read(&mut self, plane: &PlaneView<'_>, row: &Row, span: Span) {
+        if span.len() == 0 {
+            return;
+        }
         let Self { count, du, dv, codes } = self;
         let (start, end) = (*count, *count + span.len());
         if codes.len() < end {
