@@ -162,13 +162,7 @@ fn modelled_growth(joint: &Joint<'_>, index: usize, band: usize, glance: &mut Gl
     let Glance { samples, places, codes, others, near, modelled, .. } = glance;
     let spot = &light.spot;
     samples.clear();
-    let rings = Rings {
-        outline: Outline::of(spot),
-        window_px: view.window_px(spot),
-        sums_inside: false,
-        sums_ground: false,
-        levels: [0.0; 2],
-    };
+    let rings = Rings { outline: Outline::of(spot), window_px: view.window_px(spot), even_px: 0.0, levels: [0.0; 2] };
     let window = samples.read(&view.plane, view.black.noise(), &rings);
     samples.about(&window, Share::All, spot.centre_px, places, codes);
     others.clear();

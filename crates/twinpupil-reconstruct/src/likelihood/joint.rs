@@ -227,14 +227,11 @@ impl Joint<'_> {
         };
         let gaps_px = self.buffers.neighbours.of(index * self.bands.len() + band).iter().filter_map(gap_px);
         let gap_px = gaps_px.fold(f64::INFINITY, f64::min);
-        let window_px = self.bands[band].window_px(&light.spot);
-        let is_open = !light.spot.is_clipped();
         let ground = light.background + self.bands[band].black.noise().black_level;
         Rings {
             outline: Outline::of(&light.spot),
-            window_px,
-            sums_inside: is_open && gap_px > light.spot.radius_px,
-            sums_ground: is_open && gap_px > window_px,
+            window_px: self.bands[band].window_px(&light.spot),
+            even_px: if light.spot.is_clipped() { 0.0 } else { gap_px },
             levels: [light.contrast + ground, ground].map(|level| level as f32),
         }
     }

@@ -37,11 +37,10 @@ pub(crate) struct Rings {
     pub(crate) outline: Outline,
     /// Radius of the window.
     pub(crate) window_px: f64,
-    /// Whether what the spot fills is equally bright but for noise and the illumination, so that sums tell all of it; and
-    /// whether the ground about it is.
-    pub(crate) sums_inside: bool,
-    pub(crate) sums_ground: bool,
-    /// Codes of both, about.
+    /// Distance from the centre within which what the spot fills is equally bright but for noise and the illumination, so
+    /// that sums tell all of it, and the ground too where it reaches beyond the window.
+    pub(crate) even_px: f64,
+    /// Codes of what the spot fills and of the ground, about.
     pub(crate) levels: [f32; 2],
 }
 
@@ -77,9 +76,12 @@ impl Window {
     /// Whether it still serves a spot with these rings, whose light reaches `reach_px`.
     pub(crate) fn serves(&self, rings: &Rings, reach_px: f64) -> bool {
         let [du, dv] = self.offset_px(rings.outline.centre_px);
-        let is_summable =
-            (rings.sums_inside || self.full.count() == 0.0) && (rings.sums_ground || self.ground.count() == 0.0);
-        is_summable && du.hypot(dv) + reach_px <= self.rings.window_px && self.rings.outline.holds(&rings.outline)
+        let (moved_px, window_px) = (du.hypot(dv), self.rings.window_px);
+        let is_even = |sums: &Full, within_px: f64| sums.count() == 0.0 || moved_px + within_px <= rings.even_px;
+        is_even(&self.full, window_px.min(self.rings.even_px))
+            && is_even(&self.ground, window_px)
+            && moved_px + reach_px <= window_px
+            && self.rings.outline.holds(&rings.outline)
     }
 
     /// Whether the light of another spot falls into it.
@@ -106,26 +108,26 @@ impl Samples {
 
     /// Reads the pixels of a plane within the rings.
     pub(crate) fn read(&mut self, plane: &PlaneView<'_>, noise: &Noise, rings: &Rings) -> Window {
-        let rings = Rings { outline: rings.outline.widened(SLACK_PX), ..*rings };
+        let rings = Rings { outline: rings.outline.widened(SLACK_PX), even_px: rings.even_px - SLACK_PX, ..*rings };
         fetch(plane, &rings);
-        let mut window = self.read_zones(plane, &rings);
+        let mut window = self.read_zones(plane, &rings, rings.even_px >= rings.window_px);
         if !window.ground.is_even(noise, plane.code_max) {
             // Something lies on the ground: pixel by pixel it can be left out.
             self.zones.iter_mut().zip(window.first).for_each(|(zone, first)| zone.count = first);
-            window = self.read_zones(plane, &Rings { sums_ground: false, ..rings });
+            window = self.read_zones(plane, &rings, false);
         }
         if !window.full.is_even(noise, plane.code_max) {
             let curves = Curves::of(&rings);
             let inside = rows(plane, rings.outline.centre_px[1], rings.window_px)
                 .map(|row| curves.row(plane, row))
-                .map(|row| row.stretch(plane, row.inner))
+                .map(|row| row.stretch(plane, row.even))
                 .filter(|row| row.count > 0);
             window.full = window.full.without_foreign(noise, plane.code_max, inside);
         }
         window
     }
 
-    fn read_zones(&mut self, plane: &PlaneView<'_>, rings: &Rings) -> Window {
+    fn read_zones(&mut self, plane: &PlaneView<'_>, rings: &Rings, sums_ground: bool) -> Window {
         let rows = rows(plane, rings.outline.centre_px[1], rings.window_px);
         let area = rows.len() * (2.0 * rings.window_px / plane.step_px as f64) as usize;
         let every = if area < SAMPLES_FEW { 1 } else { QUARTER };
@@ -133,7 +135,7 @@ impl Samples {
         let curves = Curves::of(rings);
         let mut tallies = rings.levels.map(Tally::about);
         let mut read = |row: usize, zones: &mut [Zone; ZONES]| {
-            read_row(plane, &curves.row(plane, row), rings, zones, &mut tallies);
+            read_row(plane, &curves.row(plane, row), sums_ground, zones, &mut tallies);
         };
         rows.clone().step_by(every).for_each(|row| read(row, &mut self.zones));
         let quarter = self.counts();
@@ -177,6 +179,9 @@ impl Zone {
     /// Adds pixels of a row.
     #[inline(always)]
     fn read(&mut self, plane: &PlaneView<'_>, row: &Row, span: Span) {
+        if span.len() == 0 {
+            return;
+        }
         let Self { count, du, dv, codes } = self;
         let (start, end) = (*count, *count + span.len());
         if codes.len() < end {
@@ -199,13 +204,13 @@ impl Zone {
 fn read_row(
     plane: &PlaneView<'_>,
     row: &Row,
-    rings: &Rings,
+    sums_ground: bool,
     [edge, inside, beside]: &mut [Zone; ZONES],
     [full, ground]: &mut [Tally; 2],
 ) {
-    let Row { whole, outer, inner, .. } = *row;
+    let Row { whole, outer, inner, even, .. } = *row;
     for span in [Span { end: outer.first, ..whole }, Span { first: outer.end, ..whole }] {
-        if rings.sums_ground {
+        if sums_ground {
             ground.add(&row.stretch(plane, span));
         } else {
             beside.read(plane, row, span);
@@ -214,11 +219,10 @@ fn read_row(
     for span in [Span { end: inner.first, ..outer }, Span { first: inner.end, ..outer }] {
         edge.read(plane, row, span);
     }
-    if rings.sums_inside {
-        full.add(&row.stretch(plane, inner));
-    } else {
-        inside.read(plane, row, inner);
+    for span in [Span { end: even.first, ..inner }, Span { first: even.end, ..inner }] {
+        inside.read(plane, row, span);
     }
+    full.add(&row.stretch(plane, even));
 }
 
 /// Looks at the pixels of a window here and there, so that memory answers for many rows at a time rather than for each
@@ -238,11 +242,13 @@ fn fetch(plane: &PlaneView<'_>, Rings { outline, window_px, .. }: &Rings) {
 struct Curves {
     centre_px: [f64; 2],
     window_px: f64,
+    even_px: f64,
     outer: Curve,
     inner: Curve,
 }
 
-/// What a row shares with the window, with what lies within the outer side of the edge and within the inner one.
+/// What a row shares with the window, with what lies within the outer side of the edge and within the inner one, and with
+/// what is even of that.
 struct Row {
     row: usize,
     u_px: f64,
@@ -250,22 +256,27 @@ struct Row {
     whole: Span,
     outer: Span,
     inner: Span,
+    even: Span,
 }
 
 impl Curves {
-    fn of(Rings { outline, window_px, .. }: &Rings) -> Self {
+    fn of(&Rings { outline, window_px, even_px, .. }: &Rings) -> Self {
         let [outer, inner] = [Side::Outer, Side::Inner].map(|side| outline.curve(side));
-        Self { centre_px: outline.centre_px, window_px: *window_px, outer, inner }
+        Self { centre_px: outline.centre_px, window_px, even_px: even_px.clamp(0.0, window_px), outer, inner }
     }
 
     fn row(&self, plane: &PlaneView<'_>, row: usize) -> Row {
         let [u_px, v_px] = self.centre_px;
         let dv_px = plane.frame_v_px(row as f64) - v_px;
-        let half_px = (self.window_px * self.window_px - dv_px * dv_px).max(0.0).sqrt();
-        let whole = columns(plane, u_px, [-half_px, half_px]);
+        let within = |radius_px: f64| {
+            let half_px = (radius_px * radius_px - dv_px * dv_px).max(0.0).sqrt();
+            columns(plane, u_px, [-half_px, half_px])
+        };
+        let whole = within(self.window_px);
         let outer = columns(plane, u_px, self.outer.crossings_px(dv_px)).within(whole);
         let inner = columns(plane, u_px, self.inner.crossings_px(dv_px)).within(outer);
-        Row { row, u_px, dv_px, whole, outer, inner }
+        let even = within(self.even_px).within(inner);
+        Row { row, u_px, dv_px, whole, outer, inner, even }
     }
 }
 
