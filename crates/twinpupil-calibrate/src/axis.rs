@@ -3,7 +3,7 @@
 use nalgebra::{Matrix2, Matrix4, Rotation3, SMatrix, Unit, Vector2, Vector3, Vector4};
 use thiserror::Error;
 use twinpupil_instrument::{Frame, Instrument, PixelPoint, Role};
-use twinpupil_reconstruct::{KnownDot, Point, Polarity, Reconstructor, surface_slopes};
+use twinpupil_reconstruct::{Feature, KnownDot, KnownLight, Point, Polarity, Reconstructor, surface_slopes};
 
 use crate::adjust::{BandCamera, Observation};
 use crate::calibrate::Foreign;
@@ -209,10 +209,14 @@ impl AxisFinder<'_> {
         }
         let positions: Vec<[f64; 3]> = points.iter().map(|point| point.position_mm).collect();
         let dot = |(point, slopes): (&Point, [f64; 2])| {
-            let mut contrast_codes = vec![None; self.instrument.bands.len()];
-            contrast_codes[pair[0]] = Some(signs[0] * point.telecentric.height_codes);
-            contrast_codes[pair[1]] = Some(signs[1] * point.entocentric.height_codes);
-            KnownDot { centre_mm: point.position_mm, slopes, diameter_mm: point.diameter_mm, contrast_codes }
+            let mut lights = vec![None; self.instrument.bands.len()];
+            for (band, (sign, feature)) in
+                pair.into_iter().zip(signs.iter().zip([point.telecentric, point.entocentric]))
+            {
+                let Feature { height_codes, ground_codes, .. } = feature;
+                lights[band] = Some(KnownLight { contrast_codes: sign * height_codes, ground_codes });
+            }
+            KnownDot { centre_mm: point.position_mm, slopes, diameter_mm: point.diameter_mm, lights }
         };
         Ok(points.iter().zip(surface_slopes(&positions)).map(dot).collect())
     }

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use thiserror::Error;
 use twinpupil_instrument::check::ValueError;
 use twinpupil_instrument::{Band, Frame, Instrument, PixelPoint, Projection, Role};
-use twinpupil_reconstruct::{Detection, KnownDot, Polarity, Reconstructor};
+use twinpupil_reconstruct::{Detection, KnownDot, KnownLight, Polarity, Reconstructor};
 
 use crate::adjust::{Adjusted, BandCamera, Dots, Observation, Problem, State};
 use crate::camera::cameras;
@@ -134,9 +134,10 @@ pub(crate) struct Seen {
     pub(crate) sighting: Sighting,
     /// What every band shows, in pixels of its page.
     spots: Vec<Vec<Spot>>,
-    /// Radii of their blur, px; contrasts, codes; deviations of their centres, px.
+    /// Radii of their blur, px; contrasts and ground, codes; deviations of their centres, px.
     edges_px: Vec<Vec<f64>>,
     contrasts: Vec<Vec<f64>>,
+    grounds: Vec<Vec<f64>>,
     stds_px: Vec<Vec<f64>>,
 }
 
@@ -252,6 +253,7 @@ impl Calibrator<'_> {
             spots: spots(&on_page),
             edges_px: of_features(&|_, feature| feature.edge_px),
             contrasts: of_features(&|band, feature| sign(band) * feature.height_codes),
+            grounds: of_features(&|_, feature| feature.ground_codes),
             stds_px: of_features(&|_, feature| feature.centre_std_px[0].hypot(feature.centre_std_px[1])),
         })
     }
@@ -513,18 +515,23 @@ impl Calibrator<'_> {
     fn known_dots(&self, now: &Now, seen: &Seen, place: usize) -> Vec<KnownDot> {
         let state = &now.adjusted.state;
         let slopes = state.poses[place].slopes();
-        let typical: Vec<f64> = seen.contrasts.iter().map(|contrasts| median(contrasts.iter().copied())).collect();
+        let of_all =
+            |values: &[Vec<f64>]| -> Vec<f64> { values.iter().map(|values| median(values.iter().copied())).collect() };
+        let (contrasts, grounds) = (of_all(&seen.contrasts), of_all(&seen.grounds));
         let dot = |(index, dot): (usize, &crate::target::TargetDot)| {
-            let contrast = |band: usize| {
+            let light = |band: usize| {
                 let labelled = &seen.sighting[band];
-                let own = labelled.binary_search_by_key(&index, |(dot, _)| *dot).ok();
-                own.map_or(typical[band], |own| seen.contrasts[band][labelled[own].1])
+                let own = labelled.binary_search_by_key(&index, |(dot, _)| *dot).ok().map(|own| labelled[own].1);
+                Some(KnownLight {
+                    contrast_codes: own.map_or(contrasts[band], |own| seen.contrasts[band][own]),
+                    ground_codes: own.map_or(grounds[band], |own| seen.grounds[band][own]),
+                })
             };
             KnownDot {
                 centre_mm: state.dot_mm(&now.dots, place, index).into(),
                 slopes,
                 diameter_mm: dot.diameter_mm * now.diameter_scale,
-                contrast_codes: (0..seen.sighting.len()).map(|band| Some(contrast(band))).collect(),
+                lights: (0..seen.sighting.len()).map(light).collect(),
             }
         };
         self.target.dots().iter().enumerate().map(dot).collect()

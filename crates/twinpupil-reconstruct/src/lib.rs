@@ -46,7 +46,7 @@ pub use detect::{DetectOptions, Detection, Detector, Estimator, Feature, detect}
 pub use fit::{Estimate, FitError, FitPoint, LineAxis, LineFit, PlaneFit, Quality, fit_line, fit_plane};
 pub use flat::{CrosstalkEstimate, FlatError, estimate_crosstalk};
 pub use further::FurtherImage;
-pub use likelihood::known::{KnownDot, SpotScore};
+pub use likelihood::known::{KnownDot, KnownLight, SpotScore};
 pub use matching::MatchOptions;
 pub use noise::{Noise, NoiseSource};
 pub use pipeline::{Mode, Options, Point, ReconstructError, Reconstruction, Reconstructor};

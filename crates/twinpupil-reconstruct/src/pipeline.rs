@@ -314,23 +314,16 @@ impl Reconstructor {
         let bands = 0..self.model.bands();
         let views =
             bands.clone().map(|band| planes.of_band(self.index(band))).collect::<Result<SmallVec<[_; 2]>, _>>()?;
-        let ground = |band: usize| -> Result<f64, FrameError> {
-            let mut detection = Detection::default();
-            self.detect_plane(&planes, band, &mut Detector::default(), &mut detection)?;
-            Ok(detection.background_codes - views[band].1.black_level)
-        };
-        let background = bands.clone().map(ground).collect::<Result<SmallVec<[f64; 2]>, _>>()?;
         let known: Vec<_> = dots
             .iter()
             .map(|dot| {
-                let contrast =
-                    bands.clone().map(|band| dot.contrast_codes.get(self.index(band)).copied().flatten()).collect();
+                let lights = bands.clone().map(|band| dot.lights.get(self.index(band)).copied().flatten()).collect();
                 let KnownDot { centre_mm, slopes, diameter_mm, .. } = *dot;
-                (Dot { centre_mm, diameter_mm, slopes }, contrast)
+                (Dot { centre_mm, diameter_mm, slopes }, lights)
             })
             .collect();
         let mut workspace = Workspace::default();
-        let scores = self.forward.scores(&views, &known, &background, &mut workspace);
+        let scores = self.forward.scores(&views, &known, &mut workspace);
         let of_instrument = |own: SmallVec<[Option<SpotScore>; 2]>| {
             let mut all = vec![None; own.len()];
             own.into_iter().enumerate().for_each(|(band, score)| all[self.index(band)] = score);

@@ -19,9 +19,17 @@ pub struct KnownDot {
     pub slopes: [f64; 2],
     /// Its diameter, mm.
     pub diameter_mm: f64,
-    /// About how much brighter than the ground it is in each band of the instrument, codes; `None` where it is not looked
-    /// at.
-    pub contrast_codes: Vec<Option<f64>>,
+    /// About its light in each band of the instrument; `None` where it is not looked at.
+    pub lights: Vec<Option<KnownLight>>,
+}
+
+/// About how bright a dot and the ground around it are; both are fitted.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct KnownLight {
+    /// How much brighter than the ground it is, codes.
+    pub contrast_codes: f64,
+    /// The ground, codes.
+    pub ground_codes: f64,
 }
 
 /// What the pixels of one band say of the image of a dot whose place is given: the log-likelihood of a small change Δ of
@@ -41,20 +49,18 @@ pub struct SpotScore {
 }
 
 impl ForwardModel {
-    /// What the pixels say of given dots, in every band of this model that shows them; contrasts and backgrounds are those
-    /// of its bands.
+    /// What the pixels say of given dots, in every band of this model that shows them; their light is that of its bands.
     pub(crate) fn scores(
         &self,
         planes: &[(PlaneView<'_>, Noise)],
-        dots: &[(Dot, SmallVec<[Option<f64>; 2]>)],
-        background: &[f64],
+        dots: &[(Dot, SmallVec<[Option<KnownLight>; 2]>)],
         workspace: &mut Workspace,
     ) -> Vec<SmallVec<[Option<SpotScore>; 2]>> {
         let mut blacks = std::mem::take(&mut workspace.blacks);
         let scores = self.look(planes, &mut blacks, |views| {
             let Workspace { bodies, buffers, .. } = workspace;
             bodies.clear();
-            bodies.extend(dots.iter().map(|(dot, contrast)| body(*dot, contrast, background, views)));
+            bodies.extend(dots.iter().map(|(dot, lights)| body(*dot, lights, views)));
             let mut joint = Joint { bands: views, bodies, buffers };
             joint.begin();
             while !joint.bodies.iter().all(Body::rests) {
@@ -68,12 +74,13 @@ impl ForwardModel {
     }
 }
 
-fn body(dot: Dot, contrast: &[Option<f64>], background: &[f64], views: &[BandView<'_>]) -> Body {
+fn body(dot: Dot, lights: &[Option<KnownLight>], views: &[BandView<'_>]) -> Body {
     let mut body = Body::new(dot, None, false);
     body.pinned = true;
-    let lights = views.iter().zip(contrast).zip(background);
-    body.bands.extend(lights.map(|((view, contrast), background)| {
-        contrast.map(|contrast| BandLight::new(contrast, *background, view.spot(&dot)))
+    body.bands.extend(views.iter().zip(lights).map(|(view, light)| {
+        let KnownLight { contrast_codes, ground_codes } = (*light)?;
+        let background = ground_codes - view.black.noise().black_level;
+        Some(BandLight::new(contrast_codes, background, view.spot(&dot)))
     }));
     body
 }

@@ -110,13 +110,13 @@ mod tests {
     use super::*;
     use crate::likelihood::light::{Light, Places};
     use crate::likelihood::pencil::Pencil;
-    use crate::likelihood::spot::{Dot, Page};
+    use crate::likelihood::spot::{Dot, Raster};
 
     fn spot(z_mm: f64, slopes: [f64; 2]) -> Spot {
         let instrument = paper::instrument();
         let pencil = Pencil::of_band(&instrument, &instrument.bands[1], 100.0);
-        let page = Page { axis_px: [959.5, 599.5], pitch_mm: 0.00586 };
-        Spot::of(&Dot { centre_mm: [4.0, -3.0, z_mm], diameter_mm: 1.0, slopes }, &pencil, page, 0.0)
+        let raster = Raster { axis_px: [959.5, 599.5], pitch_mm: 0.00586 };
+        Spot::of(&Dot { centre_mm: [4.0, -3.0, z_mm], diameter_mm: 1.0, slopes }, &pencil, raster, 0.0)
     }
 
     #[test]
