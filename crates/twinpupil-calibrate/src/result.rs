@@ -151,9 +151,8 @@ impl Calibration {
         let freedom = (2 * residuals.len()).saturating_sub(unknowns.len() + 6 * seen.len()).max(1);
         let reduced_chi2 = chi2 / freedom as f64;
         let count = unknowns.len();
-        let scattered = scattered(&now.adjusted.covariance, reduced_chi2);
-        let scale = |i: usize, k: usize| unknowns[i].prior_std * unknowns[k].prior_std;
-        let covariance = DMatrix::from_fn(count, count, |i, k| scattered[(i, k)] * scale(i, k));
+        let scale = |i: usize, k: usize| unknowns[i].prior_std * unknowns[k].prior_std * reduced_chi2.max(1.0);
+        let covariance = DMatrix::from_fn(count, count, |i, k| now.adjusted.covariance[(i, k)] * scale(i, k));
         let data = problem.information_of_each(&now.adjusted.state);
         let numbers = numbers(calibrator.instrument, unknowns, now, &covariance, &data);
         let frames: Vec<FrameResult> = (0..seen.len())
@@ -180,17 +179,6 @@ impl Calibration {
     /// A number by its key.
     pub fn number(&self, key: &str) -> Option<&Number> {
         self.numbers.iter().find(|number| number.key == key)
-    }
-}
-
-/// A covariance, in units of the prior deviations, where the observations scatter more than their noise: they count for
-/// less, and what was known beforehand does not: `(1 + (C⁻¹ − 1)/χ²)⁻¹`.
-fn scattered(covariance: &DMatrix<f64>, reduced_chi2: f64) -> DMatrix<f64> {
-    let one = DMatrix::identity(covariance.nrows(), covariance.ncols());
-    let weaker = |information: DMatrix<f64>| (&one + (information - &one) / reduced_chi2).try_inverse();
-    match covariance.clone().try_inverse().filter(|_| reduced_chi2 > 1.0).and_then(weaker) {
-        Some(scattered) => scattered,
-        None => covariance.clone(),
     }
 }
 
@@ -343,19 +331,4 @@ fn depth_errors_mm(calibrator: &Calibrator<'_>, now: &Now, observations: &[Obser
     let typical_mm = median(errors_mm.iter().map(|error| error.abs())).max(1e-9);
     errors_mm.retain(|error_mm| error_mm.abs() < WRONG * typical_mm);
     errors_mm
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn scatter_widens_what_frames_tell_and_nothing_else() {
-        // The first number is told by the frames, the second known beforehand alone.
-        let covariance = DMatrix::from_row_slice(2, 2, &[1e-6, 0.0, 0.0, 1.0]);
-        let wide = scattered(&covariance, 4.0);
-        assert!((wide[(0, 0)] / 4e-6 - 1.0).abs() < 1e-4, "{wide}");
-        assert!((wide[(1, 1)] - 1.0).abs() < 1e-9, "{wide}");
-        assert_eq!(scattered(&covariance, 0.8), covariance);
-    }
 }
