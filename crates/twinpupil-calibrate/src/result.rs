@@ -1,7 +1,7 @@
 //! What a calibration comes to.
 
 use nalgebra::{DMatrix, Matrix4, Vector3, Vector4};
-use twinpupil_instrument::{Instrument, Role};
+use twinpupil_instrument::{CalibrationFrame, CalibrationSpec, Instrument, Role};
 
 use crate::adjust::{Observation, Problem};
 use crate::advice::advice;
@@ -174,6 +174,31 @@ impl Calibration {
         };
         calibration.advice = advice(&calibration, calibrator.target);
         Ok(calibration)
+    }
+
+    /// What the instrument file keeps of it: every number of the instrument with its deviation and correlations.
+    pub fn to_spec(&self, date: String, target: String, frames: Vec<CalibrationFrame>) -> CalibrationSpec {
+        let own: Vec<usize> = (0..self.numbers.len())
+            .filter(|index| matches!(self.numbers[*index].quantity, Quantity::Instrument(_)))
+            .collect();
+        let std: Vec<f64> = own.iter().map(|index| self.numbers[*index].std).collect();
+        let row = |row: usize| {
+            let correlation = |column: usize| {
+                let covariance = self.covariance[(own[row], own[column])];
+                if row == column { 1.0 } else { (covariance / (std[row] * std[column])).clamp(-1.0, 1.0) }
+            };
+            (0..=row).map(correlation).collect()
+        };
+        CalibrationSpec {
+            date,
+            target,
+            rms_px: self.rms_px,
+            reduced_chi2: self.reduced_chi2,
+            parameters: own.iter().map(|index| self.numbers[*index].key.clone()).collect(),
+            correlation: (0..own.len()).map(row).collect(),
+            std,
+            frames,
+        }
     }
 
     /// A number by its key.

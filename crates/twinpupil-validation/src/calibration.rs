@@ -1,10 +1,10 @@
 //! Cameras off their data sheet, calibrated from a target: how well the depth of other frames' dots comes out.
 
 use twinpupil_calibrate::{
-    AxisError, AxisEstimate, AxisFinder, CalibrateError, Calibration, Calibrator, Choices, Quantity, Target,
-    TargetKind, TargetSpec,
+    AxisError, AxisEstimate, AxisFinder, CalibrateError, Calibration, Calibrator, Choices, Target, TargetKind,
+    TargetSpec,
 };
-use twinpupil_instrument::{CalibrationSpec, Distortion, Frame, Instrument, InstrumentSpec, Lens, Mosaic, paper};
+use twinpupil_instrument::{Distortion, Frame, Instrument, InstrumentSpec, Lens, Mosaic, paper};
 use twinpupil_optics::response_table_for;
 use twinpupil_reconstruct::{Mode, Options, Reconstructor};
 use twinpupil_simulate::{Dot, DotGrid, Expectation, Pattern, Plate, Scene, SceneSpec, TiltAxis};
@@ -203,24 +203,8 @@ impl DepthError {
 /// # Panics
 /// If the calibration contradicts itself.
 pub fn calibrated(calibration: &Calibration) -> Instrument {
-    let numbers = &calibration.numbers;
-    let own: Vec<usize> =
-        (0..numbers.len()).filter(|k| matches!(numbers[*k].quantity, Quantity::Instrument(_))).collect();
-    let correlation = |i: usize, k: usize| {
-        let covariance = calibration.covariance[(own[i], own[k])];
-        if i == k { 1.0 } else { (covariance / numbers[own[i]].std / numbers[own[k]].std).clamp(-1.0, 1.0) }
-    };
     let mut spec = calibration.instrument.clone().into_spec();
-    spec.calibration = Some(CalibrationSpec {
-        date: "2026-01-01".to_owned(),
-        target: "simulated".to_owned(),
-        rms_px: calibration.rms_px,
-        reduced_chi2: calibration.reduced_chi2,
-        parameters: own.iter().map(|k| numbers[*k].key.clone()).collect(),
-        std: own.iter().map(|k| numbers[*k].std).collect(),
-        correlation: (0..own.len()).map(|i| (0..=i).map(|k| correlation(i, k)).collect()).collect(),
-        frames: Vec::new(),
-    });
+    spec.calibration = Some(calibration.to_spec("2026-01-01".to_owned(), "simulated".to_owned(), Vec::new()));
     Instrument::new(spec).expect("a calibration of its own instrument")
 }
 

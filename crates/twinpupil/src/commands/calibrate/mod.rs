@@ -15,7 +15,7 @@ use std::sync::Mutex;
 use anyhow::{Context, Result, anyhow, bail};
 use clap::Subcommand;
 use sha2::{Digest, Sha256};
-use twinpupil_calibrate::{Calibration, Calibrator, Choices, Fault, Foreign, FrameResult, Quantity, Stage, Target};
+use twinpupil_calibrate::{Calibration, Calibrator, Choices, Fault, Foreign, FrameResult, Stage, Target};
 use twinpupil_instrument::{CalibrationFrame, CalibrationSpec, Instrument, Lens};
 use twinpupil_reconstruct::{DetectOptions, Mode, Options, Reconstructor};
 
@@ -209,17 +209,6 @@ pub(super) fn reader(instrument: &Instrument, detect: DetectOptions) -> Result<R
 
 /// The calibrated instrument with all that is known of its numbers.
 fn with_calibration(calibration: &Calibration, target: &Target, files: &[FrameFiles]) -> Result<Instrument> {
-    let of_instrument: Vec<usize> = (0..calibration.numbers.len())
-        .filter(|index| matches!(calibration.numbers[*index].quantity, Quantity::Instrument(_)))
-        .collect();
-    let std: Vec<f64> = of_instrument.iter().map(|index| calibration.numbers[*index].std).collect();
-    let row = |row: usize| {
-        let correlation = |column: usize| {
-            let covariance = calibration.covariance[(of_instrument[row], of_instrument[column])];
-            if row == column { 1.0 } else { (covariance / (std[row] * std[column])).clamp(-1.0, 1.0) }
-        };
-        (0..=row).map(correlation).collect()
-    };
     let frame = |result: &FrameResult| {
         let files = &files[result.frame];
         Ok(CalibrationFrame {
@@ -231,15 +220,13 @@ fn with_calibration(calibration: &Calibration, target: &Target, files: &[FrameFi
         })
     };
     let mut spec = calibration.instrument.clone().into_spec();
+    let date = chrono::Utc::now().format("%Y-%m-%d").to_string();
+    let frames = calibration.frames.iter().map(frame).collect::<Result<_>>()?;
+    let stated = calibration.to_spec(date, target.spec().name.clone(), frames);
     spec.calibration = Some(CalibrationSpec {
-        date: chrono::Utc::now().format("%Y-%m-%d").to_string(),
-        target: target.spec().name.clone(),
-        rms_px: rounded(calibration.rms_px, 6),
-        reduced_chi2: rounded(calibration.reduced_chi2, 4),
-        parameters: of_instrument.iter().map(|index| calibration.numbers[*index].key.clone()).collect(),
-        correlation: (0..of_instrument.len()).map(row).collect(),
-        std,
-        frames: calibration.frames.iter().map(frame).collect::<Result<_>>()?,
+        rms_px: rounded(stated.rms_px, 6),
+        reduced_chi2: rounded(stated.reduced_chi2, 4),
+        ..stated
     });
     Instrument::new(spec).context("the calibrated instrument")
 }
