@@ -351,12 +351,12 @@ impl Problem<'_> {
 }
 
 /// How far the forward model's images may be from those of the real masks: u, v, radius and blur, px. The light across an
-/// edge is modelled to a thousandth of a pixel, alike for all dots of a frame, so that many dots make it no better:
+/// edge is modelled to some ten-thousandths of a pixel, alike for all dots of a frame, so that many dots make it no better:
 /// radius and blur count for less than their noise would have them.
-const MODEL_STD_PX: [f64; 4] = [4e-4, 4e-4, 5e-3, 1e-2];
+const MODEL_STD_PX: [f64; 4] = [2e-4, 2e-4, 3e-3, 8e-3];
 
 /// The same where the masks cut the light, near the axis.
-const CUT_STD_PX: [f64; 4] = [5e-3, 5e-3, 5e-2, 5e-2];
+const CUT_STD_PX: [f64; 4] = [2.5e-3, 2.5e-3, 2.5e-2, 2.5e-2];
 
 impl Observation {
     /// With what the model may be wrong by added to the noise: of the covariance `S⁻¹ + F` the inverse is
