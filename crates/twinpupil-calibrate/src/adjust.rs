@@ -423,3 +423,178 @@ impl State {
         self.poses[frame].at([x_mm + dx_mm, y_mm + dy_mm])
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
+    use nalgebra::storage::Owned;
+    use nalgebra::{Dyn, Rotation3};
+    use twinpupil_instrument::{Instrument, Projection, paper};
+
+    use super::*;
+    use crate::camera::cameras;
+    use crate::unknown::Choices;
+
+    /// MINPACK's method on all unknowns and poses at once.
+    struct Dense<'a> {
+        problem: &'a Problem<'a>,
+        start: &'a State,
+        /// Of the unknowns in their prior deviations, then turns (rad) and shifts (mm) of the poses from the start.
+        steps: DVector<f64>,
+    }
+
+    impl Dense<'_> {
+        fn state(&self) -> State {
+            let mut state = self.start.clone();
+            let count = self.problem.unknowns.len();
+            for ((value, unknown), step) in state.values.iter_mut().zip(self.problem.unknowns).zip(self.steps.iter()) {
+                *value += step * unknown.prior_std;
+            }
+            for (place, pose) in state.poses.iter_mut().enumerate() {
+                let own = |k: usize| self.steps.fixed_rows::<3>(count + 6 * place + k).into_owned();
+                *pose = pose.moved(own(0), own(3));
+            }
+            state
+        }
+    }
+
+    impl LeastSquaresProblem<f64, Dyn, Dyn> for Dense<'_> {
+        type ParameterStorage = Owned<f64, Dyn>;
+        type ResidualStorage = Owned<f64, Dyn>;
+        type JacobianStorage = Owned<f64, Dyn, Dyn>;
+
+        fn set_params(&mut self, steps: &DVector<f64>) {
+            self.steps.copy_from(steps);
+        }
+
+        fn params(&self) -> DVector<f64> {
+            self.steps.clone()
+        }
+
+        /// `Lᵀ (p − p₀) − L⁻¹ s` of every observation of the information L Lᵀ and the score s at p₀; the priors.
+        fn residuals(&self) -> Option<DVector<f64>> {
+            let state = self.state();
+            let cameras = self.problem.cameras_of(&state.values);
+            let mut residuals = Vec::new();
+            for observation in self.problem.observations {
+                let Observation { band, dot, frame, anchor, score, information } = observation;
+                let image = self.problem.image(*band, *dot, &cameras, &state, &state.poses[*frame]);
+                let lower = information.cholesky()?.l();
+                let residual = lower.transpose() * (image - anchor) - lower.solve_lower_triangular(score)?;
+                residuals.extend(residual.iter());
+            }
+            let priors = state.values.iter().zip(self.problem.unknowns);
+            residuals.extend(priors.map(|(value, unknown)| (value - unknown.expected) / unknown.prior_std));
+            Some(DVector::from_vec(residuals))
+        }
+
+        /// By turns about the poses as they are, which are as good as those about the start.
+        fn jacobian(&self) -> Option<DMatrix<f64>> {
+            let state = self.state();
+            let cameras = self.problem.cameras_of(&state.values);
+            let count = self.problem.unknowns.len();
+            let rows = 4 * self.problem.observations.len();
+            let mut jacobian = DMatrix::zeros(rows + count, self.steps.len());
+            for (place, observation) in self.problem.observations.iter().enumerate() {
+                let pose = &state.poses[observation.frame];
+                let (slots, view) = self.problem.look(observation.band, observation.dot, &cameras, &state, pose);
+                let (_, gradient) = spot(&slots, &view);
+                let upper = observation.information.cholesky()?.l().transpose();
+                for (k, column) in self.problem.columns(observation, &gradient, &view) {
+                    jacobian.fixed_view_mut::<4, 1>(4 * place, k).copy_from(&(upper * column));
+                }
+                let first = count + 6 * observation.frame;
+                let own = upper * gradient.fixed_columns::<6>(CAMERA_SLOTS);
+                jacobian.fixed_view_mut::<4, 6>(4 * place, first).copy_from(&own);
+            }
+            for k in 0..count {
+                jacobian[(rows + k, k)] = 1.0;
+            }
+            Some(jacobian)
+        }
+    }
+
+    /// Frames of a grid of dots seen by a camera off its data sheet, with errors of some thousandths of a pixel.
+    fn observations(start: &Problem<'_>, values: &[f64], poses: &[Pose]) -> Vec<Observation> {
+        let state = State { values: values.to_vec(), poses: poses.to_vec(), offsets_mm: vec![[0.0; 2]; 35] };
+        let cameras = start.cameras_of(values);
+        let mut observations = Vec::new();
+        for (frame, pose) in poses.iter().enumerate() {
+            for band in 0..2 {
+                for dot in 0..35 {
+                    let image = start.image(band, dot, &cameras, &state, pose);
+                    let error = |k: usize| 2e-3 * ((7 * frame + 3 * band + 5 * dot + 11 * k) as f64).sin();
+                    let mixed = Matrix4::from_fn(|i, k| if i == k { 500.0 } else { 40.0 * (i as f64 - k as f64) });
+                    let information = mixed.transpose() * mixed;
+                    let off = Vector4::new(error(0), error(1), 5.0 * error(2), 9.0 * error(3));
+                    // Looked at a little beside.
+                    let anchor = image + Vector4::new(0.1, -0.2, 0.05, 0.3);
+                    let score = information * (image + off - anchor);
+                    observations.push(Observation { frame, band, dot, anchor, score, information });
+                }
+            }
+        }
+        observations
+    }
+
+    #[test]
+    fn an_independent_solver_finds_the_same() {
+        let instrument: Instrument = paper::instrument();
+        let unknowns = Choices::default().unknowns(&instrument).unwrap();
+        let projections: Vec<Projection> = instrument.bands.iter().map(|band| instrument.projection(band)).collect();
+        let cameras = cameras(&instrument, &projections, 1.0);
+        let position_mm = (0..35).map(|dot| [1.8 * f64::from(dot % 7 - 3), 1.8 * f64::from(dot / 7 - 2)]).collect();
+        let dots = Dots { position_mm, diameter_mm: vec![0.9; 35], place_std_mm: None };
+        let expected: Vec<f64> = unknowns.iter().map(|unknown| unknown.expected).collect();
+        let pose = |z_mm: f64, x_rad: f64, y_rad: f64| Pose {
+            rotation: Rotation3::new(Vector3::new(x_rad, y_rad, 0.05)),
+            translation_mm: Vector3::new(0.3, -0.2, z_mm),
+        };
+        let poses = [pose(260.0, 0.0, 0.1), pose(285.0, 0.5, 0.0), pose(310.0, -0.1, -0.5), pose(335.0, -0.4, 0.2)];
+        let mut problem = Problem {
+            pitch_mm: instrument.sensor.pitch_mm,
+            cameras: &cameras,
+            unknowns: &unknowns,
+            start: &expected,
+            dots: &dots,
+            observations: &[],
+            doubt_chi2: f64::INFINITY,
+        };
+        let values: Vec<f64> = unknowns
+            .iter()
+            .enumerate()
+            .map(|(k, unknown)| unknown.expected + 0.4 * (k as f64).cos() * unknown.prior_std)
+            .collect();
+        let observations = observations(&problem, &values, &poses);
+        problem.observations = &observations;
+        let start = State {
+            values: expected.clone(),
+            poses: poses.iter().map(|pose| pose.moved(Vector3::new(0.01, -0.02, 0.01), Vector3::repeat(0.5))).collect(),
+            offsets_mm: vec![[0.0; 2]; 35],
+        };
+        let own = problem.adjust(start.clone()).unwrap();
+        let steps = DVector::zeros(unknowns.len() + 6 * poses.len());
+        let dense = Dense { problem: &problem, start: &start, steps };
+        let (dense, report) = LevenbergMarquardt::new().minimize(dense);
+        assert!(report.termination.was_successful(), "{report:?}");
+        let other = dense.state();
+        // Twice half the sum of squares.
+        assert!((own.cost - 2.0 * report.objective_function).abs() < 1e-6 * own.cost, "{} {report:?}", own.cost);
+        for (k, unknown) in unknowns.iter().enumerate() {
+            let std = unknown.prior_std * own.covariance[(k, k)].sqrt();
+            let sigmas = (own.state.values[k] - other.values[k]).abs() / std;
+            assert!(sigmas < 1e-3, "{}: {sigmas} σ", unknown.quantity.key(&instrument));
+        }
+        for (own, other) in own.state.poses.iter().zip(&other.poses) {
+            assert!((own.translation_mm - other.translation_mm).norm() < 1e-5);
+            assert!((own.rotation.matrix() - other.rotation.matrix()).norm() < 1e-6);
+        }
+        // Its covariance, too: that of the dense equations.
+        let jacobian = dense.jacobian().unwrap();
+        let covariance = (jacobian.transpose() * jacobian).try_inverse().unwrap();
+        for k in 0..unknowns.len() {
+            let ratio = (own.covariance[(k, k)] / covariance[(k, k)]).sqrt();
+            assert!((ratio - 1.0).abs() < 1e-3, "{}: {ratio}", unknowns[k].quantity.key(&instrument));
+        }
+    }
+}
