@@ -47,6 +47,28 @@ pub(crate) fn highest_pair(contrasts: &[f32]) -> f32 {
     lanes.iter().fold(rest, |peak, lane| higher(peak, *lane))
 }
 
+/// Light of a run whose first pixel lies at `x`, and its first moment along the row.
+#[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
+pub(crate) fn light_of(contrasts: &[f32], x: f32) -> [f64; 2] {
+    let (mut light, mut along) = ([0.0_f32; LANES], [0.0_f32; LANES]);
+    let mut places: [f32; LANES] = std::array::from_fn(|lane| lane as f32);
+    let (blocks, rest) = contrasts.as_chunks::<LANES>();
+    for block in blocks {
+        for lane in 0..LANES {
+            light[lane] += block[lane];
+            along[lane] += places[lane] * block[lane];
+            places[lane] += LANES as f32;
+        }
+    }
+    for (lane, value) in rest.iter().enumerate() {
+        light[lane] += value;
+        along[lane] += places[lane] * value;
+    }
+    let total = |lanes: [f32; LANES]| lanes.iter().map(|lane| f64::from(*lane)).sum::<f64>();
+    let (light, along) = (total(light), total(along));
+    [light, along + f64::from(x) * light]
+}
+
 /// Pixels that are summed side by side along a row, and sums that are kept from row to row.
 const LANES: usize = 8;
 const KEPT: usize = 4;
@@ -146,6 +168,16 @@ mod tests {
             moments.add(&line, [-2.25, y]);
         }
         assert_eq!(moments.sums(), Sums { light, squares, first, second });
+    }
+
+    #[test]
+    fn the_light_of_a_run_is_that_of_a_plain_loop() {
+        for length in [0, 1, 7, 8, 21] {
+            let line: Vec<f32> = (0..length).map(|k| (k * 7 % 5) as f32).collect();
+            let light: f32 = line.iter().sum();
+            let along: f32 = line.iter().enumerate().map(|(k, value)| (k as f32 - 2.0) * value).sum();
+            assert_eq!(light_of(&line, -2.0), [f64::from(light), f64::from(along)]);
+        }
     }
 
     #[test]
