@@ -194,7 +194,8 @@ impl Joint<'_> {
         }
         let body = &mut self.bodies[index];
         let windows = body.bands.iter().flatten().filter_map(|light| light.window.as_ref());
-        body.seen = windows.map(|window| window.share(body.share)).min().unwrap_or(body.share);
+        let share = body.share();
+        body.seen = windows.map(|window| window.share(share)).min().unwrap_or(share);
         body.masked = mask_foreign;
         for band in 0..self.bands.len() {
             self.measure_band(index, band, mask_foreign);

@@ -1,12 +1,14 @@
 //! Dots whose places are given: which way the pixels would have their images moved.
 
+use std::f64::consts::PI;
+
 use nalgebra::{Matrix4, Vector4};
 use smallvec::SmallVec;
 use twinpupil_instrument::PlaneView;
 
 use crate::likelihood::body::{BandLight, Body};
 use crate::likelihood::joint::{BandView, Joint};
-use crate::likelihood::refine::{ForwardModel, Workspace};
+use crate::likelihood::refine::{ForwardModel, Outline, Workspace};
 use crate::likelihood::spot::Dot;
 use crate::noise::Noise;
 
@@ -80,7 +82,9 @@ fn body(dot: Dot, lights: &[Option<KnownLight>], views: &[BandView<'_>]) -> Body
     body.bands.extend(views.iter().zip(lights).map(|(view, light)| {
         let KnownLight { contrast_codes, ground_codes } = (*light)?;
         let background = ground_codes - view.black.noise().black_level;
-        Some(BandLight::new(contrast_codes, background, view.spot(&dot)))
+        let (spot, jacobian) = view.spot(&dot);
+        let outline = Outline { contrast: contrast_codes, area_px: PI * spot.radius_px * spot.radius_px };
+        Some(BandLight::new(outline, background, (spot, jacobian)))
     }));
     body
 }

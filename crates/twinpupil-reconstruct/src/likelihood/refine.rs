@@ -14,7 +14,7 @@ use crate::likelihood::pencil::Pencil;
 use crate::likelihood::spot::{Dot, Raster};
 use crate::noise::Noise;
 use crate::quantile::median;
-use crate::slope::{NEIGHBOURS, NEIGHBOURS_ROUGH, Slopes};
+use crate::slope::Slopes;
 
 /// An instrument's forward model, ready to be compared with pixels.
 #[derive(Debug, Clone)]
@@ -38,14 +38,23 @@ struct BandModel {
 pub(crate) struct Seed {
     pub(crate) centre_mm: [f64; 3],
     pub(crate) diameter_mm: f64,
-    /// Contrast in every band that shows it, codes.
-    pub(crate) contrast: SmallVec<[Option<f64>; 2]>,
+    /// What every band shows of it.
+    pub(crate) outlines: SmallVec<[Option<Outline>; 2]>,
     /// Whether its bands together tell its depth.
     pub(crate) placed: bool,
     /// Whether its place may be off by more than the width of an edge.
     pub(crate) doubtful: bool,
     /// Whether the largest code hides how bright it is.
     pub(crate) saturated: bool,
+}
+
+/// A dot in one band.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Outline {
+    /// Codes.
+    pub(crate) contrast: f64,
+    /// Area above half of that, px².
+    pub(crate) area_px: f64,
 }
 
 /// A dot as its pixels know it.
@@ -100,9 +109,8 @@ impl Refined {
 /// Depth of a dot that only one band shows is about that of the others, mm.
 const LONE_Z_STD_MM: f64 = 30.0;
 
-/// A change of slope that moves a dot's edge by so much is felt, px; the step after which the dot is looked at again.
+/// A change of slope that moves a dot's edge by so much is felt, px.
 const SLOPE_FELT_PX: f64 = 0.012;
-const SLOPE_SIGMAS: f64 = 20.0;
 
 /// A dot whose χ² a pixel is below the first, or below so many times that of the typical dot, is where its surface is.
 const SETTLED_CHI2: f64 = 2.5;
@@ -127,10 +135,6 @@ pub(crate) struct Workspace {
 /// if it does.
 const LIGHT_ROUNDS: [usize; 2] = [1, 2];
 const LIGHT_ROUNDS_UNEVEN: [usize; 3] = [3, 4, 6];
-
-/// Rounds before which positions are rough; of so many dots each is too small to feel its slope so soon.
-const ROUGH_ROUNDS: usize = 3;
-const CROWD: usize = 400;
 
 impl ForwardModel {
     /// The model of the bands of an instrument with these indices.
@@ -206,11 +210,11 @@ impl ForwardModel {
         bodies.extend(seeds.iter().map(|seed| body(seed, views, background)));
         let mut joint = Joint { bands: views, bodies, buffers };
         joint.begin();
+        slopes.lay_through(joint.bodies.iter().filter(|body| body.tells_depth()).map(|body| body.dot.centre_mm));
+        slopes.get_to_know();
         let mut is_uneven = false;
         for round in 0..ROUNDS {
-            let is_rough = round < ROUGH_ROUNDS && joint.bodies.len() < CROWD;
-            let neighbours = if is_rough { NEIGHBOURS_ROUGH } else { NEIGHBOURS };
-            lay_surface(joint.bodies, neighbours, slopes, chi2s);
+            renew_surface(joint.bodies, slopes, chi2s);
             set_slopes(joint.bodies, slopes, |body| !body.rests());
             if joint.bodies.iter().all(Body::rests) {
                 // Those that came to rest first may stand on a surface that is known better by now.
@@ -247,26 +251,29 @@ fn body(seed: &Seed, views: &[BandView<'_>], background: &[f64]) -> Body {
     let z_prior_mm = (!seed.placed).then_some((seed.centre_mm[2], LONE_Z_STD_MM));
     let mut body = Body::new(dot, z_prior_mm, seed.doubtful);
     body.saturated = seed.saturated;
-    let lights = views.iter().zip(&seed.contrast).zip(background);
+    let lights = views.iter().zip(&seed.outlines).zip(background);
     body.bands.extend(
-        lights.map(|((view, contrast), ground)| {
-            contrast.map(|contrast| BandLight::new(contrast, *ground, view.spot(&dot)))
-        }),
+        lights
+            .map(|((view, outline), ground)| outline.map(|outline| BandLight::new(outline, *ground, view.spot(&dot)))),
     );
     body
 }
 
 /// Lays the surface through the placed dots that are where it is.
-fn lay_surface(bodies: &[Body], neighbours: usize, slopes: &mut Slopes, chi2s: &mut Vec<f64>) {
+fn renew_surface(bodies: &[Body], slopes: &mut Slopes, chi2s: &mut Vec<f64>) {
     let settled_chi2 = SETTLED_CHI2.max(SETTLED_SHARE * median_chi2(bodies, chi2s));
-    let is_settled = |body: &&Body| body.is_placed() && (body.rounds == 0 || body.explains(settled_chi2));
-    slopes.lay_through(bodies.iter().filter(is_settled).map(|body| body.dot.centre_mm), neighbours);
+    let is_settled = |body: &Body| body.alive && (body.rounds == 0 || body.explains(settled_chi2));
+    let placed = bodies.iter().filter(|body| body.tells_depth());
+    slopes.renew(placed.map(|body| (body.dot.centre_mm, is_settled(body))));
 }
 
 /// Gives placed dots the slopes of the surface.
-fn set_slopes(bodies: &mut [Body], slopes: &mut Slopes, is_asked: impl Fn(&Body) -> bool) {
-    for body in bodies.iter_mut().filter(|body| body.is_placed() && is_asked(body)) {
-        if let Some(slopes) = slopes.at(body.dot.centre_mm) {
+fn set_slopes(bodies: &mut [Body], slopes: &Slopes, is_asked: impl Fn(&Body) -> bool) {
+    for (index, body) in bodies.iter_mut().filter(|body| body.tells_depth()).enumerate() {
+        if body.alive
+            && is_asked(body)
+            && let Some(slopes) = slopes.at_known(index)
+        {
             lean(body, slopes);
         }
     }
@@ -275,18 +282,15 @@ fn set_slopes(bodies: &mut [Body], slopes: &mut Slopes, is_asked: impl Fn(&Body)
 /// Gives a dot the slopes of its surface; one that rests and would not feel it keeps those that it has.
 fn lean(body: &mut Body, slopes: [f64; 2]) {
     let before = body.dot.slopes;
-    let felt =
-        body.bands.iter().flatten().any(|light| edge_shift_px(light.spot.radius_px, before, slopes) > SLOPE_FELT_PX);
+    let shift_px = |light: &BandLight| edge_shift_px(light.spot.radius_px, before, slopes);
+    let felt = body.bands.iter().flatten().any(|light| shift_px(light) > SLOPE_FELT_PX);
     if body.rests() && !felt {
         return;
     }
-    if felt {
-        body.moved_sigmas = body.moved_sigmas.max(SLOPE_SIGMAS);
-    }
-    body.dot.slopes = slopes;
-    // The area of its foreshortened image is what is known of its size.
-    let stretch = |[sx, sy]: [f64; 2]| 1.0 + sx * sx + sy * sy;
-    body.dot.diameter_mm *= (stretch(slopes) / stretch(before)).powf(0.25);
+    body.stirred |= felt;
+    let shares = body.bands.iter().flatten().map(|light| shift_px(light) / light.spot.edge_px());
+    body.leant = shares.fold(0.0, f64::max);
+    body.lean(slopes);
 }
 
 /// How far the outline of a disc moves when it leans otherwise, px: by the change of the cosine of its tilt; the blur and

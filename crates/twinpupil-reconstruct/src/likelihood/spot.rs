@@ -153,6 +153,12 @@ impl Spot {
         (self.blur_px.abs() - self.blur_growth_px.abs()).max(0.0)
     }
 
+    /// Half the width of its edges, px.
+    pub(crate) fn edge_px(&self) -> f64 {
+        const PIXEL_PX: f64 = 0.5;
+        self.blur_px.abs() + PIXEL_PX
+    }
+
     /// Where the middle of the light lies beside the image of the dot's, px: the blur grows from the near to the far
     /// side of a sloping surface.
     pub(crate) fn skewed_px(&self) -> Vector2 {
