@@ -170,9 +170,12 @@ impl Fit {
         if kept < FEWEST {
             return None;
         }
-        let off_mm = |point_mm: &[f64; 3]| first.off_mm(point_mm).abs();
-        if kept < count {
-            points_mm.select_nth_unstable_by(kept, |a, b| off_mm(a).total_cmp(&off_mm(b)));
+        let mut off_mm = [0.0; AROUND];
+        off_mm.iter_mut().zip(&*points_mm).for_each(|(off_mm, point_mm)| *off_mm = first.off_mm(point_mm).abs());
+        for last in (kept..count).rev() {
+            let farthest = (0..last).fold(last, |farthest, k| if off_mm[k] > off_mm[farthest] { k } else { farthest });
+            off_mm.swap(farthest, last);
+            points_mm.swap(farthest, last);
         }
         let kept_mm = &points_mm[..kept];
         let plane = Plane::through(kept_mm, place_mm)?;

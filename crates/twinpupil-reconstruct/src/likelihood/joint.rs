@@ -102,7 +102,8 @@ impl Joint<'_> {
         }
     }
 
-    /// One round of Gauss–Newton steps of all bodies that do not rest yet.
+    /// One round of Gauss–Newton steps of all bodies that do not rest yet; the images of those that go on moving are
+    /// brought up to date by [`Self::refresh_moving`].
     pub(crate) fn round(&mut self) {
         self.meet_neighbours();
         let mut moving = std::mem::take(&mut self.buffers.moving);
@@ -117,8 +118,9 @@ impl Joint<'_> {
         for index in &moving {
             let body = &mut self.bodies[*index as usize];
             body.advance();
-            let softening_px = body.softening_px();
-            self.refresh(*index as usize, softening_px);
+            if body.rests() {
+                self.refresh(*index as usize, 0.0);
+            }
         }
         self.buffers.moving = moving;
     }

@@ -229,6 +229,7 @@ impl ForwardModel {
             joint.refresh_moving();
             joint.round();
         }
+        joint.refresh_moving();
         refined.clear();
         refined
             .extend((0..seeds.len()).map(|index| self::refined(joint.bodies, &joint.buffers.couplings, index, patch)));
