@@ -5,17 +5,20 @@ use std::hint::black_box;
 use multiversion::multiversion;
 use twinpupil_instrument::PlaneView;
 
-use crate::likelihood::full::{Full, FullRow, Tally};
+use crate::likelihood::full::{Full, FullRow, Stretch, Tally};
 use crate::likelihood::light::Places;
 use crate::likelihood::outline::{Curve, Outline, Side};
 use crate::likelihood::spot::Spot;
 use crate::noise::Noise;
+use crate::scout::light::read_every;
 
 /// Pixels about all spots of a frame, one window after the other.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Samples {
     /// Those that feel an edge, those that see nothing but a dot, and those that see none of it.
     zones: [Zone; ZONES],
+    /// The row that is read.
+    line: Vec<f32>,
 }
 
 /// The first `count` pixels, and their places about the centres of their windows; the rest is room for more.
@@ -62,6 +65,9 @@ pub(crate) struct Window {
     pub(crate) full: Full,
     pub(crate) ground: Full,
 }
+
+/// Pixels side by side.
+const LANES: usize = 8;
 
 /// Every which row is of the quarter.
 const QUARTER: usize = 4;
@@ -120,7 +126,7 @@ impl Samples {
             let curves = Curves::of(&rings);
             let inside = rows(plane, rings.outline.centre_px[1], rings.window_px)
                 .map(|row| curves.row(plane, row))
-                .map(|row| row.stretch(plane, row.even))
+                .map(|row| row.full(plane))
                 .filter(|row| row.count > 0);
             window.full = window.full.without_foreign(noise, plane.code_max, inside);
         }
@@ -134,12 +140,12 @@ impl Samples {
         let first = self.counts();
         let curves = Curves::of(rings);
         let mut tallies = rings.levels.map(Tally::about);
-        let mut read = |row: usize, zones: &mut [Zone; ZONES]| {
-            read_row(plane, &curves.row(plane, row), sums_ground, zones, &mut tallies);
+        let mut read = |row: usize, Self { zones, line }: &mut Self| {
+            read_row(plane, &curves.row(plane, row), sums_ground, line, zones, &mut tallies);
         };
-        rows.clone().step_by(every).for_each(|row| read(row, &mut self.zones));
+        rows.clone().step_by(every).for_each(|row| read(row, self));
         let quarter = self.counts();
-        rows.enumerate().filter(|(place, _)| place % every != 0).for_each(|(_, row)| read(row, &mut self.zones));
+        rows.enumerate().filter(|(place, _)| place % every != 0).for_each(|(_, row)| read(row, self));
         let [full, ground] = tallies.map(Tally::finish);
         Window { rings: *rings, first, ends: [quarter, self.counts()], full, ground }
     }
@@ -178,24 +184,32 @@ impl Samples {
 impl Zone {
     /// Adds pixels of a row.
     #[inline(always)]
-    fn read(&mut self, plane: &PlaneView<'_>, row: &Row, span: Span) {
-        if span.len() == 0 {
+    fn add(&mut self, stretch: &Stretch<'_>) {
+        if stretch.values.is_empty() {
             return;
         }
-        let Self { count, du, dv, codes } = self;
-        let (start, end) = (*count, *count + span.len());
-        if codes.len() < end {
-            for values in [&mut *du, dv, codes] {
-                values.resize(2 * end, 0.0);
-            }
+        let (start, end) = (self.count, self.count + stretch.values.len());
+        if self.codes.len() < end + LANES {
+            self.make_room(end);
         }
-        let (first_px, step_px) = (row.beside_px(plane, span.first) as f32, plane.step_px as f32);
-        for (k, du) in du[start..end].iter_mut().enumerate() {
-            *du = first_px + step_px * (k as u32) as f32;
+        self.count = end;
+        let Self { du, dv, codes, .. } = self;
+        let (du, dv) = (du[start..end + LANES].as_chunks_mut::<LANES>().0, dv[start..end + LANES].as_chunks_mut().0);
+        let (first_px, step_px) = (stretch.first_px as f32, stretch.step_px as f32);
+        let mut along_px: [f32; LANES] = std::array::from_fn(|lane| first_px + step_px * (lane as u8) as f32);
+        // What is written beyond the end will be overwritten.
+        for (du, dv) in du.iter_mut().zip(dv).take(stretch.values.len().div_ceil(LANES)) {
+            (*du, *dv) = (along_px, [stretch.dv_px as f32; LANES]);
+            along_px = along_px.map(|px| px + LANES as f32 * step_px);
         }
-        dv[start..end].fill(row.dv_px as f32);
-        plane.read_span(row.row, span.first, &mut codes[start..end]);
-        *count = end;
+        codes[start..end].iter_mut().zip(stretch.values).for_each(|(code, value)| *code = *value);
+    }
+
+    #[cold]
+    fn make_room(&mut self, end: usize) {
+        for values in [&mut self.du, &mut self.dv, &mut self.codes] {
+            values.resize(2 * end + LANES, 0.0);
+        }
     }
 }
 
@@ -205,24 +219,35 @@ fn read_row(
     plane: &PlaneView<'_>,
     row: &Row,
     sums_ground: bool,
+    line: &mut Vec<f32>,
     [edge, inside, beside]: &mut [Zone; ZONES],
     [full, ground]: &mut [Tally; 2],
 ) {
     let Row { whole, outer, inner, even, .. } = *row;
-    for span in [Span { end: outer.first, ..whole }, Span { first: outer.end, ..whole }] {
+    if line.len() < whole.len() {
+        line.resize(whole.len(), 0.0);
+    }
+    let line = &mut line[..whole.len()];
+    let codes = plane.line(row.row).get(whole.first * plane.step_px..).unwrap_or_default();
+    read_every(codes, plane.step_px, f32::from, line);
+    let stretch = |first: usize, end: usize| Stretch {
+        values: &line[first - whole.first..end - whole.first],
+        first_px: row.beside_px(plane, first),
+        step_px: plane.step_px as f64,
+        dv_px: row.dv_px,
+    };
+    for outside in [stretch(whole.first, outer.first), stretch(outer.end, whole.end)] {
         if sums_ground {
-            ground.add(&row.stretch(plane, span));
+            ground.add(&outside);
         } else {
-            beside.read(plane, row, span);
+            beside.add(&outside);
         }
     }
-    for span in [Span { end: inner.first, ..outer }, Span { first: inner.end, ..outer }] {
-        edge.read(plane, row, span);
-    }
-    for span in [Span { end: even.first, ..inner }, Span { first: even.end, ..inner }] {
-        inside.read(plane, row, span);
-    }
-    full.add(&row.stretch(plane, even));
+    edge.add(&stretch(outer.first, inner.first));
+    edge.add(&stretch(inner.end, outer.end));
+    inside.add(&stretch(inner.first, even.first));
+    inside.add(&stretch(even.end, inner.end));
+    full.add(&stretch(even.first, even.end));
 }
 
 /// Looks at the pixels of a window here and there, so that memory answers for many rows at a time rather than for each
@@ -287,14 +312,13 @@ impl Row {
         plane.frame_u_px(column as f64) - self.u_px
     }
 
-    /// Pixels of it.
-    #[inline(always)]
-    fn stretch<'a>(&self, plane: &PlaneView<'a>, span: Span) -> FullRow<'a> {
+    /// What is even of it.
+    fn full<'a>(&self, plane: &PlaneView<'a>) -> FullRow<'a> {
         FullRow {
-            codes: plane.line(self.row).get(span.first * plane.step_px..).unwrap_or_default(),
+            codes: plane.line(self.row).get(self.even.first * plane.step_px..).unwrap_or_default(),
             step: plane.step_px,
-            count: span.len(),
-            first_px: self.beside_px(plane, span.first),
+            count: self.even.len(),
+            first_px: self.beside_px(plane, self.even.first),
             dv_px: self.dv_px,
         }
     }

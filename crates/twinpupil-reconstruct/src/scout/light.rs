@@ -109,18 +109,23 @@ impl Light<'_> {
 /// Reads every `step`-th code times a sign, and something added.
 #[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
 fn read_codes(line: &[u16], step: usize, sign: f32, added: f32, contrasts: &mut [f32]) {
-    let contrast = |code: u16| sign * f32::from(code) + added;
+    read_every(line, step, |code| sign * f32::from(code) + added, contrasts);
+}
+
+/// Reads what is made of every `step`-th code, as many as there is place for.
+#[inline(always)]
+pub(crate) fn read_every(line: &[u16], step: usize, number: impl Fn(u16) -> f32, numbers: &mut [f32]) {
     match step {
-        1 => contrasts.iter_mut().zip(line).for_each(|(value, code)| *value = contrast(*code)),
+        1 => numbers.iter_mut().zip(line).for_each(|(value, code)| *value = number(*code)),
         2 => {
             let (pairs, rest) = line.as_chunks::<2>();
             // A row of odd length ends in a pixel without a partner.
-            if let ([code], Some(last)) = (rest, contrasts.get_mut(pairs.len())) {
-                *last = contrast(*code);
+            if let ([code], Some(last)) = (rest, numbers.get_mut(pairs.len())) {
+                *last = number(*code);
             }
-            contrasts.iter_mut().zip(pairs).for_each(|(value, pair)| *value = contrast(pair[0]));
+            numbers.iter_mut().zip(pairs).for_each(|(value, pair)| *value = number(pair[0]));
         }
-        _ => contrasts.iter_mut().zip(line.iter().step_by(step)).for_each(|(value, code)| *value = contrast(*code)),
+        _ => numbers.iter_mut().zip(line.iter().step_by(step)).for_each(|(value, code)| *value = number(*code)),
     }
 }
 
