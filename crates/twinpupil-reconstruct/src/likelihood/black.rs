@@ -1,5 +1,6 @@
 //! What a sensor reports near black, where codes cannot be negative.
 
+use crate::likelihood::chords::{LANES, Lanes, lanes};
 use crate::noise::Noise;
 
 /// Mean and variance of a code for the light that it stands for.
@@ -18,7 +19,8 @@ pub(crate) struct Black {
     pub(crate) light_max: f32,
     low: f32,
     per_step: f32,
-    nodes: Vec<Reading>,
+    /// Mean, slope and trust of [`Reading`], and nothing.
+    nodes: [[f32; 4]; NODES],
 }
 
 /// What a pixel reads for some light.
@@ -36,6 +38,7 @@ pub(crate) struct Reading {
 const REACH_SIGMAS: f64 = 5.0;
 
 const NODES: usize = 256;
+const LAST_PLACE: f32 = (NODES - 1) as f32 - 1e-3;
 
 impl Black {
     pub(crate) fn new(noise: &Noise) -> Self {
@@ -45,21 +48,21 @@ impl Black {
         let reach = REACH_SIGMAS * REACH_SIGMAS * noise.slope_codes;
         let high = 0.5 * (reach + (reach * reach + 4.0 * (REACH_SIGMAS * floor).powi(2)).sqrt()) - noise.black_level;
         if high <= 0.0 {
-            return Self { noise: *noise, light_max: f32::NEG_INFINITY, low: 0.0, per_step: 0.0, nodes: Vec::new() };
+            return Self { noise: *noise, light_max: f32::NEG_INFINITY, low: 0.0, per_step: 0.0, nodes: [[0.0; 4]; NODES] };
         }
         let step = (high - low) / (NODES - 1) as f64;
         let node = |k: usize| {
             let light = low + step * k as f64;
             let (mean, variance) = moments(light, noise);
             let slope = (moments(light + 0.01, noise).0 - moments(light - 0.01, noise).0) / 0.02;
-            Reading { mean: mean as f32, slope: slope as f32, trust: (1.0 / variance) as f32 }
+            [mean, slope, 1.0 / variance, 0.0].map(|value| value as f32)
         };
         Self {
             noise: *noise,
             light_max: high as f32,
             low: low as f32,
             per_step: (1.0 / step) as f32,
-            nodes: (0..NODES).map(node).collect(),
+            nodes: std::array::from_fn(node),
         }
     }
 
@@ -78,15 +81,31 @@ impl Black {
     }
 
     /// What pixels read that receive `light`, which lies below [`Self::light_max`].
-    pub(crate) fn read(&self, light: f32) -> Reading {
-        let place = ((light - self.low) * self.per_step).clamp(0.0, (NODES - 1) as f32 - 1e-3);
-        let (index, share) = (place as usize, place.fract());
-        let (a, b) = (self.nodes[index], self.nodes[index + 1]);
-        Reading {
-            mean: a.mean + share * (b.mean - a.mean),
-            slope: a.slope + share * (b.slope - a.slope),
-            trust: a.trust + share * (b.trust - a.trust),
+    fn read(&self, light: f32) -> Reading {
+        let place = ((light - self.low) * self.per_step).clamp(0.0, LAST_PLACE);
+        let [a, b] = [0, 1].map(|next| self.nodes[place as usize + next]);
+        let [mean, slope, trust] = [0, 1, 2].map(|k: usize| a[k] + place.fract() * (b[k] - a[k]));
+        Reading { mean, slope, trust }
+    }
+
+    /// The same of pixels side by side: mean, slope and trust of each; none of it means anything for more light.
+    #[inline(always)]
+    pub(crate) fn read_lanes(&self, lights: &Lanes) -> [[f32; 4]; LANES] {
+        let places = lanes(|lane| ((lights[lane] - self.low) * self.per_step).clamp(0.0, LAST_PLACE));
+        let (mut low, mut high, mut shares) = ([[0.0; 4]; LANES], [[0.0; 4]; LANES], [[0.0; 4]; LANES]);
+        for lane in 0..LANES {
+            let index = places[lane] as u32 as usize;
+            shares[lane] = [places[lane] - (index as u32) as f32; 4];
+            low[lane] = self.nodes[index % NODES];
+            high[lane] = self.nodes[(index + 1) % NODES];
         }
+        let mut read = low;
+        for ((read, high), share) in
+            read.as_flattened_mut().iter_mut().zip(high.as_flattened()).zip(shares.as_flattened())
+        {
+            *read += share * (high - *read);
+        }
+        read
     }
 }
 

@@ -41,7 +41,6 @@ pub(crate) struct Buffers {
     others: Vec<f32>,
     near: Vec<Near>,
     weights: Weights,
-    weighted: Vec<f32>,
     /// For the bands of one body after the other.
     pub(crate) neighbours: Neighbours,
     /// For every body.
@@ -246,7 +245,7 @@ impl Joint<'_> {
         let Some(window) = &light.window else { return };
         let view = &bands[band];
         let Buffers {
-            samples, places, codes, own, narrow, others, near, weights, weighted, neighbours, couplings, ..
+            samples, places, codes, own, narrow, others, near, weights, neighbours, couplings, ..
         } = &mut **buffers;
         samples.about(window, body.seen, light.spot.centre_px, places, codes);
         let near_lights = || {
@@ -273,7 +272,7 @@ impl Joint<'_> {
         let saturated = f32::from(view.plane.code_max);
         let judge = Judge::new(view.black, saturated, limit);
         weights.compare(codes, places, own, others, &levels, &judge);
-        let mut normal = Normal::of(own, places, light.contrast, weights, weighted);
+        let mut normal = Normal::of(own, places, light.contrast, weights);
         let [offset_u, offset_v] = window.offset_px(light.spot.centre_px);
         let growth = light.illumination_slope;
         let lit = 1.0 - growth[0] * offset_u - growth[1] * offset_v;
