@@ -272,10 +272,11 @@ impl Body {
         if self.pinned {
             return !self.alive || self.rounds >= PINNED_ROUNDS;
         }
-        let unseen = self.z_prior_mm.is_some() && !self.has_neighbours;
+        let is_idle = !self.tells_depth()
+            && (!self.has_neighbours || self.rounds > 0 && self.explains(NEAR_CHI2) || self.rounds > PATIENCE);
         let (moved, step) = self.foreseen_sigmas();
         let is_last = !self.stirred && moved < LAST_SIGMAS.0 && step < LAST_SIGMAS.1;
-        !self.alive || unseen || self.masked && self.seen == Share::All && is_last
+        !self.alive || is_idle || self.masked && self.seen == Share::All && is_last
     }
 
     /// Takes other slopes. At first the largest of its outlines tells its diameter, since those of other bands may have
