@@ -1,6 +1,5 @@
 //! What a sensor reports near black, where codes cannot be negative.
 
-use crate::likelihood::chords::{LANES, Lanes, lanes};
 use crate::noise::Noise;
 
 /// Mean and variance of a code for the light that it stands for.
@@ -81,31 +80,14 @@ impl Black {
     }
 
     /// What pixels read that receive `light`, which lies below [`Self::light_max`].
-    fn read(&self, light: f32) -> Reading {
-        let place = ((light - self.low) * self.per_step).clamp(0.0, LAST_PLACE);
-        let [a, b] = [0, 1].map(|next| self.nodes[place as usize + next]);
-        let [mean, slope, trust] = [0, 1, 2].map(|k: usize| a[k] + place.fract() * (b[k] - a[k]));
-        Reading { mean, slope, trust }
-    }
-
-    /// The same of pixels side by side: mean, slope and trust of each; none of it means anything for more light.
     #[inline(always)]
-    pub(crate) fn read_lanes(&self, lights: &Lanes) -> [[f32; 4]; LANES] {
-        let places = lanes(|lane| ((lights[lane] - self.low) * self.per_step).clamp(0.0, LAST_PLACE));
-        let (mut low, mut high, mut shares) = ([[0.0; 4]; LANES], [[0.0; 4]; LANES], [[0.0; 4]; LANES]);
-        for lane in 0..LANES {
-            let index = places[lane] as u32 as usize;
-            shares[lane] = [places[lane] - (index as u32) as f32; 4];
-            low[lane] = self.nodes[index % NODES];
-            high[lane] = self.nodes[(index + 1) % NODES];
-        }
-        let mut read = low;
-        for ((read, high), share) in
-            read.as_flattened_mut().iter_mut().zip(high.as_flattened()).zip(shares.as_flattened())
-        {
-            *read += share * (high - *read);
-        }
-        read
+    pub(crate) fn read(&self, light: f32) -> Reading {
+        let place = ((light - self.low) * self.per_step).clamp(0.0, LAST_PLACE);
+        let index = place as i32 as usize;
+        let share = place - (index as i32) as f32;
+        let [low, high] = [self.nodes[index % NODES], self.nodes[(index + 1) % NODES]];
+        let [mean, slope, trust, _]: [f32; 4] = std::array::from_fn(|k| low[k] + share * (high[k] - low[k]));
+        Reading { mean, slope, trust }
     }
 }
 

@@ -276,7 +276,14 @@ impl Body {
             && (!self.has_neighbours || self.rounds > 0 && self.explains(NEAR_CHI2) || self.rounds > PATIENCE);
         let (moved, step) = self.foreseen_sigmas();
         let is_last = !self.stirred && moved < LAST_SIGMAS.0 && step < LAST_SIGMAS.1;
-        !self.alive || is_idle || self.masked && self.seen == Share::All && is_last
+        !self.alive || is_idle || (self.masked || self.is_clean()) && self.seen == Share::All && is_last
+    }
+
+    /// Whether its pixels lie about their model so closely that none of them will be left out: one that does not belong to it
+    /// adds more than χ² scatters by.
+    fn is_clean(&self) -> bool {
+        let used = self.quality.used as f64;
+        self.rounds > 0 && self.quality.chi2 < used + (2.0 * used).sqrt()
     }
 
     /// Takes other slopes. At first the largest of its outlines tells its diameter, since those of other bands may have

@@ -93,8 +93,9 @@ pub(crate) struct Joint<'a> {
 impl Joint<'_> {
     /// Before the first round: images of all bodies, and no pixels read.
     pub(crate) fn begin(&mut self) {
-        let Buffers { samples, couplings, .. } = &mut *self.buffers;
+        let Buffers { samples, couplings, neighbours, .. } = &mut *self.buffers;
         samples.clear();
+        neighbours.clear();
         couplings.iter_mut().for_each(Vec::clear);
         if couplings.len() < self.bodies.len() {
             couplings.resize_with(self.bodies.len(), Vec::new);

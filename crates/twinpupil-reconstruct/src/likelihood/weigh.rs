@@ -2,7 +2,7 @@
 
 use multiversion::multiversion;
 
-use crate::likelihood::black::Black;
+use crate::likelihood::black::{Black, Reading};
 use crate::likelihood::chords::{LANES, Lanes, lanes, padded};
 use crate::likelihood::light::{Light, Places};
 
@@ -104,15 +104,12 @@ fn weigh_lanes(
     let mut trust = lanes(|lane| 1.0 / (floor + growth * lights[lane].max(0.0)));
     // Where codes near zero cannot be negative.
     let light_max = judge.black.light_max;
-    if lights.iter().map(|light| u32::from(*light < light_max)).sum::<u32>() > 0 {
-        let reading = judge.black.read_lanes(&lights);
-        for lane in 0..LANES {
-            let is_dark = lights[lane] < light_max;
-            let [dark_mean, dark_slope, dark_trust, _] = reading[lane];
-            mean[lane] = if is_dark { dark_mean } else { mean[lane] };
-            slope[lane] = if is_dark { dark_slope.max(SLOPE_MIN) } else { 1.0 };
-            trust[lane] = if is_dark { dark_trust } else { trust[lane] };
-        }
+    let mut dark = lights.iter().enumerate().fold(0, |mask, (k, light)| mask | u32::from(*light < light_max) << k);
+    while dark != 0 {
+        let lane = dark.trailing_zeros() as usize % LANES;
+        let Reading { mean: dark_mean, slope: dark_slope, trust: dark_trust } = judge.black.read(lights[lane]);
+        (mean[lane], slope[lane], trust[lane]) = (dark_mean, dark_slope.max(SLOPE_MIN), dark_trust);
+        dark &= dark - 1;
     }
     let (mut weights, mut residuals) = ([0.0; LANES], [0.0; LANES]);
     for lane in 0..LANES {

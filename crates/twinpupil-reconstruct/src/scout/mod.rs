@@ -271,7 +271,8 @@ impl Scout {
     fn blob(&mut self, light: &Light<'_>, piece: &Piece, height: f32, skirt: Option<&Piece>) -> Option<Blob> {
         let Self { runs, contrasts, lengths, lights, step, .. } = self;
         let light_columns = light.columns();
-        let (runs, step) = (&runs[piece.runs.clone()], *step);
+        let (all, step) = (&*runs, *step);
+        let runs = &all[piece.runs.clone()];
         let mut upper = 0;
         // Places count from the first pixel, where single precision is fine enough.
         let [left, top] = runs.first().map(|run| [f64::from(run.first), (run.row as usize * step) as f64])?;
@@ -299,7 +300,10 @@ impl Scout {
         if sum.is_nan() || sum <= 0.0 {
             return None;
         }
-        let centre = [left + along / sum, top + step as f64 * middle(lights, step)];
+        let above_half = [left + along / sum, top + step as f64 * middle(lights, step)];
+        // All rows together tell the middle of all light, however its edges meet the pixels.
+        let whole = skirt.filter(|_| step == 1).and_then(|skirt| centroid(&all[skirt.runs.clone()], contrasts));
+        let centre = whole.unwrap_or(above_half);
         let step = step as u32;
         let (columns, rows) = (light_columns as u32, (light.rows() as u32).div_ceil(step));
         let on_edge = |run: &Run| run.row == 0 || run.first == 0 || run.row + 1 == rows || run.end == columns;
@@ -323,6 +327,17 @@ impl Scout {
             runs: [piece.runs.start as u32, piece.runs.end as u32],
         })
     }
+}
+
+/// Centroid of the light of runs; `None` without light.
+fn centroid(runs: &[Run], contrasts: &[f32]) -> Option<[f64; 2]> {
+    let [left, top] = runs.first().map(|run| [f64::from(run.first), f64::from(run.row)])?;
+    let (mut sum, mut along, mut down) = (0.0, 0.0, 0.0);
+    for run in runs {
+        let [light, moment] = light_of(of_run(contrasts, run), (f64::from(run.first) - left) as f32);
+        (sum, along, down) = (sum + light, along + moment, down + (f64::from(run.row) - top) * light);
+    }
+    (sum > 0.0).then(|| [left + along / sum, top + down / sum])
 }
 
 /// The contrasts of a run.
