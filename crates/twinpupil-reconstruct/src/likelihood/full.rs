@@ -294,7 +294,7 @@ impl Tally {
         *count += n;
         place[0] += n * middle;
         place[1] += n * dv_px;
-        places[0] += n * (middle * middle + step * step * (n * n - 1.0) / 12.0);
+        places[0] += n * (middle * middle + step * step * (n * n - 1.0) * (1.0 / 12.0));
         places[1] += n * middle * dv_px;
         places[2] += n * dv_px * dv_px;
     }

@@ -132,7 +132,8 @@ impl Sums {
         let Light { light, with_u, with_v, with_radius, with_blur, open, .. } = light;
         let columns = [with_u, with_v, with_radius, with_blur, light, open];
         let count = weights.weight.len();
-        for (range, feels_edge) in [(0..edge, true), (edge..count, false)] {
+        let ranges = [(0..edge, true), (edge..count, false)];
+        for (range, feels_edge) in ranges.into_iter().filter(|(range, _)| !range.is_empty()) {
             let mut products = Products::default();
             for start in range.clone().step_by(BLOCK) {
                 let block = start..(start + BLOCK).min(range.end);
@@ -187,8 +188,8 @@ fn padded_pair(rest: &[f32]) -> [f32; PAIR] {
     padded(rest)
 }
 
-fn total(lanes: &Lanes) -> f64 {
-    f64::from(lanes.iter().sum::<f32>())
+fn total([a, b, c, d, e, f, g, h]: &Lanes) -> f64 {
+    f64::from(((a + e) + (c + g)) + ((b + f) + (d + h)))
 }
 
 /// Pixels that count.
