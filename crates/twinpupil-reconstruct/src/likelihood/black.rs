@@ -47,7 +47,13 @@ impl Black {
         let reach = REACH_SIGMAS * REACH_SIGMAS * noise.slope_codes;
         let high = 0.5 * (reach + (reach * reach + 4.0 * (REACH_SIGMAS * floor).powi(2)).sqrt()) - noise.black_level;
         if high <= 0.0 {
-            return Self { noise: *noise, light_max: f32::NEG_INFINITY, low: 0.0, per_step: 0.0, nodes: [[0.0; 4]; NODES] };
+            return Self {
+                noise: *noise,
+                light_max: f32::NEG_INFINITY,
+                low: 0.0,
+                per_step: 0.0,
+                nodes: [[0.0; 4]; NODES],
+            };
         }
         let step = (high - low) / (NODES - 1) as f64;
         let node = |k: usize| {

@@ -274,7 +274,8 @@ impl Tally {
             let counts = (lane as u32) < count as u32;
             let away = values[lane] - level;
             let d = if counts { away } else { 0.0 };
-            let (low, high) = (if counts { away } else { f32::INFINITY }, if counts { away } else { f32::NEG_INFINITY });
+            let (low, high) =
+                (if counts { away } else { f32::INFINITY }, if counts { away } else { f32::NEG_INFINITY });
             self.lowest[lane] = if low < self.lowest[lane] { low } else { self.lowest[lane] };
             self.highest[lane] = if high > self.highest[lane] { high } else { self.highest[lane] };
             code[lane] += d;

@@ -245,9 +245,8 @@ impl Joint<'_> {
         let Some(light) = &body.bands[band] else { return };
         let Some(window) = &light.window else { return };
         let view = &bands[band];
-        let Buffers {
-            samples, places, codes, own, narrow, others, near, weights, neighbours, couplings, ..
-        } = &mut **buffers;
+        let Buffers { samples, places, codes, own, narrow, others, near, weights, neighbours, couplings, .. } =
+            &mut **buffers;
         samples.about(window, body.seen, light.spot.centre_px, places, codes);
         let near_lights = || {
             neighbours.of(index * bands.len() + band).iter().filter_map(|neighbour| {

@@ -41,12 +41,7 @@ impl Default for Normal {
 
 impl Normal {
     /// Of pixels that see a spot of some contrast.
-    pub(crate) fn of(
-        light: &Light,
-        places: &Places,
-        contrast: f64,
-        weights: &Weights,
-    ) -> Self {
+    pub(crate) fn of(light: &Light, places: &Places, contrast: f64, weights: &Weights) -> Self {
         let count = weights.weight.len();
         let mut sums = Sums::default();
         sums.fill(light, places.edge, weights);
@@ -142,7 +137,8 @@ impl Sums {
                 self.used += used(weight);
             }
             let rest = range.end - range.len() % PAIR..range.end;
-            let [weight, residual] = [&weights.weight, &weights.residual].map(|values| padded_pair(&values[rest.clone()]));
+            let [weight, residual] =
+                [&weights.weight, &weights.residual].map(|values| padded_pair(&values[rest.clone()]));
             let columns = columns.map(|column| padded_pair(&column[rest.clone()]));
             multiply(columns.each_ref().map(|column| &column[..]), &weight, &residual, feels_edge, &mut products);
             self.add(&products);

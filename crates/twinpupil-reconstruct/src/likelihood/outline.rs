@@ -27,9 +27,9 @@ pub(crate) enum Side {
 /// A side of the edge as rows cross it: at v below the centre it lies about `−lean v`, `√(size² − narrowing v²)` wide.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Curve {
-    lean: f64,
-    size2: f64,
-    narrowing: f64,
+    pub(crate) lean: f64,
+    pub(crate) size2: f64,
+    pub(crate) narrowing: f64,
 }
 
 impl Outline {
@@ -91,11 +91,9 @@ impl Outline {
 }
 
 impl Curve {
-    /// Where a row crosses it, px from the centre; nothing lies between the two places of a row that does not.
-    #[inline(always)]
-    pub(crate) fn crossings_px(&self, dv_px: f64) -> [f64; 2] {
-        let half = (self.size2 - self.narrowing * dv_px * dv_px).max(0.0).sqrt();
-        [-half, half].map(|half| half - self.lean * dv_px)
+    /// A circle about the centre.
+    pub(crate) fn circle(radius_px: f64) -> Self {
+        Self { lean: 0.0, size2: radius_px * radius_px, narrowing: 1.0 }
     }
 }
 
@@ -130,8 +128,8 @@ mod tests {
             light.fill(&spot, &places);
             for (index, (dv, du)) in span().flat_map(|dv| span().map(move |du| (dv, du))).enumerate() {
                 let [is_inner, is_outer] = sides.map(|side| {
-                    let [low, high] = side.crossings_px(dv);
-                    low < du && du < high
+                    let half2 = side.size2 - side.narrowing * dv * dv;
+                    (du + side.lean * dv).powi(2) < half2
                 });
                 let off = if is_inner { 1.0 - light.light[index] } else { light.light[index] };
                 assert!(is_inner != is_outer || off.abs() < 1e-4, "{z_mm} {slopes:?} at {du} {dv}: {off}");

@@ -137,22 +137,18 @@ impl Samples {
         let rows = rows(plane, rings.outline.centre_px[1], rings.window_px);
         let area = rows.len() * (2.0 * rings.window_px / plane.step_px as f64) as usize;
         let every = if area < SAMPLES_FEW { 1 } else { QUARTER };
-        let first = self.counts();
+        let first = counts(&self.zones);
         let curves = Curves::of(rings);
         let mut tallies = rings.levels.map(Tally::about);
-        let mut read = |row: usize, Self { zones, line }: &mut Self| {
-            read_row(plane, &curves.row(plane, row), sums_ground, line, zones, &mut tallies);
-        };
-        rows.clone().step_by(every).for_each(|row| read(row, self));
-        let quarter = self.counts();
-        rows.enumerate().filter(|(place, _)| place % every != 0).for_each(|(_, row)| read(row, self));
+        let Self { zones, line } = self;
+        let first_row = rows.start;
+        let is_of_quarter = |row: &usize| (row - first_row) % every == 0;
+        read_rows(plane, &curves, rows.clone().step_by(every), sums_ground, line, zones, &mut tallies);
+        let quarter = counts(zones);
+        let others = rows.filter(|row| !is_of_quarter(row));
+        read_rows(plane, &curves, others, sums_ground, line, zones, &mut tallies);
         let [full, ground] = tallies.map(Tally::finish);
-        Window { rings: *rings, first, ends: [quarter, self.counts()], full, ground }
-    }
-
-    /// Samples in every zone.
-    fn counts(&self) -> [usize; ZONES] {
-        [0, 1, 2].map(|zone: usize| self.zones[zone].count)
+        Window { rings: *rings, first, ends: [quarter, counts(zones)], full, ground }
     }
 
     /// The samples of a window, zone by zone: their codes, and their places about a centre.
@@ -179,6 +175,11 @@ impl Samples {
             }
         }
     }
+}
+
+/// Samples in every zone.
+fn counts(zones: &[Zone; ZONES]) -> [usize; ZONES] {
+    zones.each_ref().map(|zone| zone.count)
 }
 
 impl Zone {
@@ -213,8 +214,23 @@ impl Zone {
     }
 }
 
-/// Adds the pixels of a row to zones, or to the sums over what the spot fills and over the ground.
+/// Adds the pixels of rows to zones, or to the sums over what the spot fills and over the ground.
 #[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
+fn read_rows(
+    plane: &PlaneView<'_>,
+    curves: &Curves,
+    rows: impl Iterator<Item = usize>,
+    sums_ground: bool,
+    line: &mut Vec<f32>,
+    zones: &mut [Zone; ZONES],
+    tallies: &mut [Tally; 2],
+) {
+    for row in rows {
+        read_row(plane, &curves.row(plane, row), sums_ground, line, zones, tallies);
+    }
+}
+
+#[inline(always)]
 fn read_row(
     plane: &PlaneView<'_>,
     row: &Row,
@@ -263,14 +279,15 @@ fn fetch(plane: &PlaneView<'_>, Rings { outline, window_px, .. }: &Rings) {
     black_box(codes.map(|code| u32::from(*code)).sum::<u32>());
 }
 
-/// The window and both sides of the edge, ready to be crossed by rows.
+/// The window, both sides of the edge and what is even within them, ready to be crossed by rows.
 struct Curves {
     centre_px: [f64; 2],
-    window_px: f64,
-    even_px: f64,
-    outer: Curve,
-    inner: Curve,
+    lean: [f64; CURVES],
+    size2: [f64; CURVES],
+    narrowing: [f64; CURVES],
 }
+
+const CURVES: usize = 4;
 
 /// What a row shares with the window, with what lies within the outer side of the edge and within the inner one, and with
 /// what is even of that.
@@ -287,21 +304,39 @@ struct Row {
 impl Curves {
     fn of(&Rings { outline, window_px, even_px, .. }: &Rings) -> Self {
         let [outer, inner] = [Side::Outer, Side::Inner].map(|side| outline.curve(side));
-        Self { centre_px: outline.centre_px, window_px, even_px: even_px.clamp(0.0, window_px), outer, inner }
+        let curves = [Curve::circle(window_px), outer, inner, Curve::circle(even_px.clamp(0.0, window_px))];
+        Self {
+            centre_px: outline.centre_px,
+            lean: curves.map(|curve| curve.lean),
+            size2: curves.map(|curve| curve.size2),
+            narrowing: curves.map(|curve| curve.narrowing),
+        }
     }
 
+    #[inline(always)]
     fn row(&self, plane: &PlaneView<'_>, row: usize) -> Row {
+        // Added to a number below it, it leaves that in the last bits.
+        const WHOLE: f64 = 4_503_599_627_370_496.0;
         let [u_px, v_px] = self.centre_px;
         let dv_px = plane.frame_v_px(row as f64) - v_px;
-        let within = |radius_px: f64| {
-            let half_px = (radius_px * radius_px - dv_px * dv_px).max(0.0).sqrt();
-            columns(plane, u_px, [-half_px, half_px])
-        };
-        let whole = within(self.window_px);
-        let outer = columns(plane, u_px, self.outer.crossings_px(dv_px)).within(whole);
-        let inner = columns(plane, u_px, self.inner.crossings_px(dv_px)).within(outer);
-        let even = within(self.even_px).within(inner);
-        Row { row, u_px, dv_px, whole, outer, inner, even }
+        let (middle_px, per_px) = (u_px - plane.origin_px[0] as f64, 1.0 / plane.step_px as f64);
+        let columns = plane.columns as f64;
+        let (mut first, mut end) = ([0; CURVES], [0; CURVES]);
+        for curve in 0..CURVES {
+            let half2_px = self.size2[curve] - self.narrowing[curve] * dv_px * dv_px;
+            let half_px = half2_px.max(0.0).sqrt();
+            let middle_px = middle_px - self.lean[curve] * dv_px;
+            let low = ((middle_px - half_px) * per_px).max(0.0).min(columns).ceil();
+            let high = ((middle_px + half_px) * per_px + 1.0).max(0.0).min(columns).floor();
+            let high = if half2_px > 0.0 { high.max(low) } else { low };
+            first[curve] = (low + WHOLE).to_bits() as u32;
+            end[curve] = (high + WHOLE).to_bits() as u32;
+        }
+        let span = |curve: usize| Span { first: first[curve] as usize, end: end[curve] as usize };
+        let whole = span(0);
+        let outer = span(1).within(whole);
+        let inner = span(2).within(outer);
+        Row { row, u_px, dv_px, whole, outer, inner, even: span(3).within(inner) }
     }
 }
 

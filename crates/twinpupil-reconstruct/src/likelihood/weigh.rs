@@ -35,6 +35,9 @@ pub(crate) struct Judge<'a> {
     limit: f32,
 }
 
+/// Light that no sensor tells from that of the bare ground, codes.
+const BARE_CODES: f32 = 1e-3;
+
 /// Least change of a code with light that counts.
 const SLOPE_MIN: f32 = 1e-3;
 
@@ -66,6 +69,25 @@ impl Weights {
     }
 }
 
+/// What pixels of the bare ground read, all of which have the same light: most of those near black are such.
+#[derive(Clone, Copy)]
+struct Ground {
+    /// Their light; nothing is near it where the ground is bright or unevenly lit.
+    light: f32,
+    reading: Reading,
+}
+
+impl Ground {
+    fn of(levels: &Levels, black: &Black) -> Self {
+        let is_dark = levels.background < black.light_max && levels.growth == [0.0; 2];
+        let reading = black.reading(levels.background);
+        Self {
+            light: if is_dark { levels.background } else { f32::NAN },
+            reading: Reading { slope: reading.slope.max(SLOPE_MIN), ..reading },
+        }
+    }
+}
+
 #[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
 fn weigh(
     codes: &[f32],
@@ -76,14 +98,15 @@ fn weigh(
     judge: &Judge<'_>,
     Weights { weight, residual }: &mut Weights,
 ) {
+    let ground = Ground::of(levels, judge.black);
     let pixels = [codes, &places.du, &places.dv, &light.light, &light.open, others];
     let pixels = pixels.map(|values| values[..codes.len()].as_chunks::<LANES>());
     let ((weights, last_weights), (residuals, last_residuals)) = (weight.as_chunks_mut(), residual.as_chunks_mut());
     for (chunk, (weights, residuals)) in weights.iter_mut().zip(residuals).enumerate() {
-        (*weights, *residuals) = weigh_lanes(pixels.map(|(chunks, _)| &chunks[chunk]), levels, judge);
+        (*weights, *residuals) = weigh_lanes(pixels.map(|(chunks, _)| &chunks[chunk]), levels, judge, &ground);
     }
     let last = pixels.map(|(_, rest)| padded(rest));
-    let (weights, residuals) = weigh_lanes(last.each_ref(), levels, judge);
+    let (weights, residuals) = weigh_lanes(last.each_ref(), levels, judge, &ground);
     last_weights.copy_from_slice(&weights[..last_weights.len()]);
     last_residuals.copy_from_slice(&residuals[..last_residuals.len()]);
 }
@@ -94,17 +117,23 @@ fn weigh_lanes(
     [codes, du, dv, own, open, others]: [&Lanes; 6],
     levels: &Levels,
     judge: &Judge<'_>,
+    ground: &Ground,
 ) -> (Lanes, Lanes) {
     let Levels { contrast, background, growth: [gu, gv] } = *levels;
     let noise = judge.black.noise();
     let (floor, growth) = (noise.floor_codes2 as f32, noise.slope_codes as f32);
     let lit = lanes(|lane| 1.0 + gu * du[lane] + gv * dv[lane]);
     let lights = lanes(|lane| others[lane] + lit[lane] * (contrast * own[lane] + background * open[lane]));
-    let (mut mean, mut slope) = (lights, [1.0; LANES]);
-    let mut trust = lanes(|lane| 1.0 / (floor + growth * lights[lane].max(0.0)));
+    let (mut mean, mut slope, mut trust) = (lights, [1.0; LANES], [0.0; LANES]);
+    let (light_max, mut dark) = (judge.black.light_max, 0);
+    for lane in 0..LANES {
+        let bare = (lights[lane] - ground.light).abs() < BARE_CODES;
+        mean[lane] = if bare { ground.reading.mean } else { lights[lane] };
+        slope[lane] = if bare { ground.reading.slope } else { 1.0 };
+        trust[lane] = if bare { ground.reading.trust } else { 1.0 / (floor + growth * lights[lane].max(0.0)) };
+        dark |= u32::from((lights[lane] < light_max) & !bare) << lane;
+    }
     // Where codes near zero cannot be negative.
-    let light_max = judge.black.light_max;
-    let mut dark = lights.iter().enumerate().fold(0, |mask, (k, light)| mask | u32::from(*light < light_max) << k);
     while dark != 0 {
         let lane = dark.trailing_zeros() as usize % LANES;
         let Reading { mean: dark_mean, slope: dark_slope, trust: dark_trust } = judge.black.read(lights[lane]);
