@@ -8,6 +8,7 @@ use twinpupil_instrument::PixelPoint;
 
 use crate::likelihood::illumination::shift_px;
 use crate::likelihood::normal::{Normal, Shape};
+use crate::likelihood::pencil::length;
 use crate::likelihood::refine::Outline;
 use crate::likelihood::samples::{Share, Window};
 use crate::likelihood::spot::{Dot, Spot, SpotJacobian};
@@ -147,7 +148,7 @@ impl BandLight {
 
     /// How far the edges move with the step, over their width.
     fn stride(&self) -> f64 {
-        let moved_px = self.step[0].hypot(self.step[1]).max(self.step[2].abs());
+        let moved_px = length([self.step[0], self.step[1]]).max(self.step[2].abs());
         moved_px / self.spot.edge_px()
     }
 

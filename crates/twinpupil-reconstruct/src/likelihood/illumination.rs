@@ -7,6 +7,7 @@ use crate::likelihood::coupling::Near;
 use crate::likelihood::joint::Joint;
 use crate::likelihood::light::{Light, Places};
 use crate::likelihood::outline::Outline;
+use crate::likelihood::pencil::length;
 use crate::likelihood::samples::{Rings, Samples, Share};
 use crate::likelihood::spot::Spot;
 use crate::quantile::median;
@@ -61,7 +62,7 @@ pub(crate) fn set_illumination(joint: &mut Joint<'_>, closely: bool, glance: &mu
             let before_px = shift_px(&light.spot, light.illumination_slope);
             let after_px = shift_px(&light.spot, slope);
             light.illumination_slope = slope;
-            if (after_px[0] - before_px[0]).hypot(after_px[1] - before_px[1]) > FELT_PX {
+            if length([after_px[0] - before_px[0], after_px[1] - before_px[1]]) > FELT_PX {
                 *stirred = true;
             }
         }
@@ -92,7 +93,7 @@ pub(crate) fn bend(own: &mut Light, light: &BandLight, places: &Places, narrow: 
     const NARROW: f64 = 0.8;
     const FELT_PX: f64 = 0.05;
     let [du, dv] = shift_px(&light.spot, light.illumination_slope);
-    if du.hypot(dv) < FELT_PX {
+    if length([du, dv]) < FELT_PX {
         return;
     }
     narrow.fill(&light.spot.narrowed(NARROW), places);

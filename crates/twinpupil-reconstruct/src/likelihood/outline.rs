@@ -1,5 +1,6 @@
 //! The outline of a spot, and how far from it its edge is felt.
 
+use crate::likelihood::pencil::length;
 use crate::likelihood::spot::{Matrix2, PIXEL_REACH_PX, Spot};
 
 /// An ellipse about a spot's outline: pixels well within it see nothing but the dot, those well beyond it none of it.
@@ -35,7 +36,6 @@ pub(crate) struct Curve {
 impl Outline {
     /// Of a spot, none of whose ways through the masks matters.
     pub(crate) fn of(spot: &Spot) -> Self {
-        let [skew_u, skew_v] = spot.skew;
         let [[a, b], [c, d]] = spot.inverse;
         let scale = |matrix: Matrix2, by: f64| matrix.map(|row| row.map(|value| by * value));
         // The longer half axis of the inverse is one over the shorter of the outline.
@@ -46,7 +46,7 @@ impl Outline {
             axes_px: scale(spot.shape, spot.radius_px),
             per_px: scale(spot.inverse, 1.0 / spot.radius_px),
             shorter_px: spot.radius_px / steepest.max(1e-12),
-            reach_px: spot.blur_px_max() * (1.0 + skew_u.hypot(skew_v)) + PIXEL_REACH_PX,
+            reach_px: spot.blur_px_max() * (1.0 + length(spot.skew)) + PIXEL_REACH_PX,
         }
     }
 
@@ -80,7 +80,7 @@ impl Outline {
         let [[a, b], [c, d]] = product(&later.per_px, &self.axes_px);
         let moved = [0, 1].map(|axis| self.centre_px[axis] - later.centre_px[axis]);
         let moved = later.per_px.map(|[x, y]| x * moved[0] + y * moved[1]);
-        let moved = moved[0].hypot(moved[1]);
+        let moved = length(moved);
         let (squares, area) = (a * a + b * b + c * c + d * d, (a * d - b * c).abs());
         let (sum, difference) = ((squares + 2.0 * area).sqrt(), (squares - 2.0 * area).max(0.0).sqrt());
         let (longer, shorter) = (0.5 * (sum + difference), 0.5 * (sum - difference));

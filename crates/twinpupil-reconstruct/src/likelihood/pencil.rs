@@ -19,6 +19,11 @@ use crate::likelihood::spot::Dot;
 /// A vector in a plane across the axis.
 pub(crate) type Vector2 = [f64; 2];
 
+/// Length of a vector, far from the ends of what numbers can hold.
+pub(crate) fn length([x, y]: Vector2) -> f64 {
+    (x * x + y * y).sqrt()
+}
+
 /// One band's pupil and the other masks in its way.
 #[derive(Debug, Clone)]
 pub(crate) struct Pencil {
@@ -96,7 +101,7 @@ impl Pencil {
         let image = self.projection.image(dot.centre_mm);
         let chief = |image_mm: f64, at_mm: f64| (at_mm - self.chief_lens_mm(image_mm)) / z_mm;
         let along = sx * chief(image.x_mm, x_mm) + sy * chief(image.y_mm, y_mm);
-        spread * sx.hypot(sy) / (1.0 - along)
+        spread * length([sx, sy]) / (1.0 - along)
     }
 
     /// Where the middle of the pencil of an image point crosses the lens, mm; the pupil counts as centred.

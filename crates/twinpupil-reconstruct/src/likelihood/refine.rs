@@ -301,7 +301,7 @@ fn edge_shift_px(radius_px: f64, before: [f64; 2], after: [f64; 2]) -> f64 {
     let middle = [0, 1].map(|axis| 0.5 * (before[axis] + after[axis]));
     let square = middle[0] * middle[0] + middle[1] * middle[1];
     let change = ((after[0] - before[0]).powi(2) + (after[1] - before[1]).powi(2)).sqrt();
-    radius_px * change * (square.sqrt() / (1.0 + square).powf(1.5)).max(ACROSS)
+    radius_px * change * (square.sqrt() / ((1.0 + square) * (1.0 + square).sqrt())).max(ACROSS)
 }
 
 /// The typical dot's χ² a pixel.

@@ -1,13 +1,13 @@
 //! The pixels of a plane about its spots, read once.
 
-use std::hint::black_box;
-
 use multiversion::multiversion;
 use twinpupil_instrument::PlaneView;
 
+use crate::fetch::fetch;
 use crate::likelihood::full::{Full, FullRow, Stretch, Tally};
 use crate::likelihood::light::Places;
 use crate::likelihood::outline::{Curve, Outline, Side};
+use crate::likelihood::pencil::length;
 use crate::likelihood::spot::Spot;
 use crate::noise::Noise;
 use crate::scout::light::read_every;
@@ -82,7 +82,7 @@ impl Window {
     /// Whether it still serves a spot with these rings, whose light reaches `reach_px`.
     pub(crate) fn serves(&self, rings: &Rings, reach_px: f64) -> bool {
         let [du, dv] = self.offset_px(rings.outline.centre_px);
-        let (moved_px, window_px) = (du.hypot(dv), self.rings.window_px);
+        let (moved_px, window_px) = (length([du, dv]), self.rings.window_px);
         let is_even = |sums: &Full, within_px: f64| sums.count() == 0.0 || moved_px + within_px <= rings.even_px;
         is_even(&self.full, window_px.min(self.rings.even_px))
             && is_even(&self.ground, window_px)
@@ -93,7 +93,7 @@ impl Window {
     /// Whether the light of another spot falls into it.
     pub(crate) fn is_reached(&self, other: &Spot) -> bool {
         let [du, dv] = self.offset_px(other.centre_px);
-        du.hypot(dv) < self.rings.window_px + other.reach_px()
+        length([du, dv]) < self.rings.window_px + other.reach_px()
     }
 
     /// The smallest share of it that tells something: small windows are not shared.
@@ -115,7 +115,9 @@ impl Samples {
     /// Reads the pixels of a plane within the rings.
     pub(crate) fn read(&mut self, plane: &PlaneView<'_>, noise: &Noise, rings: &Rings) -> Window {
         let rings = Rings { outline: rings.outline.widened(SLACK_PX), even_px: rings.even_px - SLACK_PX, ..*rings };
-        fetch(plane, &rings);
+        let ([u_px, v_px], window_px) = (rings.outline.centre_px, rings.window_px);
+        let Span { first, end } = columns(plane, u_px, [-window_px, window_px]);
+        fetch(plane, rows(plane, v_px, window_px), first..end);
         let mut window = self.read_zones(plane, &rings, rings.even_px >= rings.window_px);
         if !window.ground.is_even(noise, plane.code_max) {
             // Something lies on the ground: pixel by pixel it can be left out.
@@ -264,19 +266,6 @@ fn read_row(
     inside.add(&stretch(inner.first, even.first));
     inside.add(&stretch(even.end, inner.end));
     full.add(&stretch(even.first, even.end));
-}
-
-/// Looks at the pixels of a window here and there, so that memory answers for many rows at a time rather than for each
-/// when its turn comes.
-fn fetch(plane: &PlaneView<'_>, Rings { outline, window_px, .. }: &Rings) {
-    const LINE: usize = 32;
-    let [u_px, v_px] = outline.centre_px;
-    let Span { first, end } = columns(plane, u_px, [-window_px, *window_px]);
-    let codes = rows(plane, v_px, *window_px).flat_map(|row| {
-        let line = plane.line(row);
-        line[..line.len().min(end * plane.step_px)].iter().skip(first * plane.step_px).step_by(LINE)
-    });
-    black_box(codes.map(|code| u32::from(*code)).sum::<u32>());
 }
 
 /// The window, both sides of the edge and what is even within them, ready to be crossed by rows.

@@ -1,9 +1,12 @@
 //! The contrast of a plane, read where it is asked for: features are positive whatever their polarity.
 
+use std::ops::Range;
+
 use multiversion::multiversion;
 use twinpupil_instrument::PlaneView;
 
 use crate::background::Polarity;
+use crate::fetch::fetch;
 
 /// Where contrasts come from.
 #[derive(Debug, Clone, Copy)]
@@ -58,6 +61,13 @@ impl Light<'_> {
                 let start = row * columns + first;
                 contrasts.copy_from_slice(&field[start..start + contrasts.len()]);
             }
+        }
+    }
+
+    /// Brings pixels near that will be read soon.
+    pub(crate) fn fetch(&self, rows: Range<usize>, columns: Range<usize>) {
+        if let Self::Codes { plane, .. } = self {
+            fetch(plane, rows, columns);
         }
     }
 
