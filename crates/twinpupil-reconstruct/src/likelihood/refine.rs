@@ -136,6 +136,9 @@ pub(crate) struct Workspace {
 const LIGHT_ROUNDS: [usize; 2] = [1, 2];
 const LIGHT_ROUNDS_UNEVEN: [usize; 3] = [3, 4, 6];
 
+/// Times that it is found again when all dots rest.
+const LAST_LOOKS: usize = 2;
+
 impl ForwardModel {
     /// The model of the bands of an instrument with these indices.
     pub(crate) fn new(instrument: &Instrument, table: Option<&ResponseTable>, bands: &[usize]) -> Self {
@@ -212,13 +215,18 @@ impl ForwardModel {
         joint.begin();
         slopes.lay_through(joint.bodies.iter().filter(|body| body.tells_depth()).map(|body| body.dot.centre_mm));
         slopes.get_to_know();
-        let mut is_uneven = false;
+        let (mut is_uneven, mut last_looks) = (false, 0);
         for round in 0..ROUNDS {
             renew_surface(joint.bodies, slopes, chi2s);
             set_slopes(joint.bodies, slopes, |body| !body.rests());
             if joint.bodies.iter().all(Body::rests) {
                 // Those that came to rest first may stand on a surface that is known better by now.
                 set_slopes(joint.bodies, slopes, |_| true);
+                // And their light may grow as nobody could tell before.
+                if (is_uneven || round < LIGHT_ROUNDS[1]) && last_looks < LAST_LOOKS {
+                    is_uneven = set_illumination(&mut joint, true, glance);
+                    last_looks += 1;
+                }
                 if joint.bodies.iter().all(Body::rests) {
                     break;
                 }
