@@ -144,7 +144,7 @@ impl Samples {
         let mut tallies = rings.levels.map(Tally::about);
         let Self { zones, line } = self;
         let first_row = rows.start;
-        let is_of_quarter = |row: &usize| (row - first_row) % every == 0;
+        let is_of_quarter = |row: &usize| (row - first_row).is_multiple_of(every);
         read_rows(plane, &curves, rows.clone().step_by(every), sums_ground, line, zones, &mut tallies);
         let quarter = counts(zones);
         let others = rows.filter(|row| !is_of_quarter(row));
