@@ -46,7 +46,7 @@ impl Outline {
             axes_px: scale(spot.shape, spot.radius_px),
             per_px: scale(spot.inverse, 1.0 / spot.radius_px),
             shorter_px: spot.radius_px / steepest.max(1e-12),
-            reach_px: spot.blur_px_max() * (1.0 + length(spot.skew)) + PIXEL_REACH_PX,
+            reach_px: spot.blur_px_max() * (1.0 + length(spot.blur_gradient())) + PIXEL_REACH_PX,
         }
     }
 
