@@ -15,7 +15,7 @@ use crate::calibrated::Calibrated;
 use crate::detect::{DetectOptions, Detection, Detector, Estimator, Feature};
 use crate::further::{FurtherImage, Group, match_predicted};
 use crate::likelihood::known::{KnownDot, SpotScore};
-use crate::likelihood::refine::{ForwardModel, Outline, Refined, Seed, Workspace};
+use crate::likelihood::refine::{ForwardModel, Refined, Seed, Sketch, Workspace};
 use crate::likelihood::spot::Dot;
 use crate::matching::{Epipole, Match, MatchOptions, Matcher};
 use crate::model::{Disc, Model};
@@ -524,12 +524,12 @@ impl Reconstructor {
                 if diameter_px > WIDEST_SHARE * height_px {
                     continue;
                 }
-                let mut outlines = SmallVec::from_elem(None, detections.len());
-                outlines[band] = Some(outline(feature, detection));
+                let mut sketches = SmallVec::from_elem(None, detections.len());
+                sketches[band] = Some(sketch(feature, detection));
                 seeds.push(Seed {
                     centre_mm: [image.x_mm / m, image.y_mm / m, z_mm],
                     diameter_mm: (diameter_px * self.instrument.sensor.pitch_mm / m).max(1e-3),
-                    outlines,
+                    sketches,
                     placed: false,
                     doubtful: true,
                     saturated: feature.saturated,
@@ -769,14 +769,14 @@ impl Reconstructor {
 
 /// A point as the fit starts from it.
 fn seed(placed: &Placed, detections: &[Detection]) -> Seed {
-    let outlines = detections
+    let sketches = detections
         .iter()
         .enumerate()
-        .map(|(band, detection)| placed.feature(band).map(|feature| outline(feature, detection)));
+        .map(|(band, detection)| placed.feature(band).map(|feature| sketch(feature, detection)));
     Seed {
         centre_mm: placed.point.position_mm,
         diameter_mm: placed.point.diameter_mm,
-        outlines: outlines.collect(),
+        sketches: sketches.collect(),
         placed: true,
         doubtful: placed.point.telecentric.overlapped || placed.point.entocentric.overlapped || placed.is_saturated(),
         saturated: placed.is_saturated(),
@@ -784,9 +784,9 @@ fn seed(placed: &Placed, detections: &[Detection]) -> Seed {
 }
 
 /// A feature as the fit starts from it.
-fn outline(feature: &Feature, detection: &Detection) -> Outline {
+fn sketch(feature: &Feature, detection: &Detection) -> Sketch {
     let sign = if detection.polarity == Polarity::Bright { 1.0 } else { -1.0 };
-    Outline { contrast: sign * probable_height_codes(feature), area_px: feature.area_px }
+    Sketch { contrast: sign * probable_height_codes(feature), area_px: feature.area_px }
 }
 
 /// Makes what the border leaves of a feature a whole disc of the typical diameter, which shows that area.

@@ -9,7 +9,7 @@ use twinpupil_instrument::PixelPoint;
 use crate::likelihood::illumination::shift_px;
 use crate::likelihood::normal::{Normal, Shape};
 use crate::likelihood::pencil::length;
-use crate::likelihood::refine::Outline;
+use crate::likelihood::refine::Sketch;
 use crate::likelihood::samples::{Share, Window};
 use crate::likelihood::spot::{Dot, Spot, SpotJacobian};
 
@@ -63,7 +63,7 @@ pub(crate) struct BandLight {
     /// Its light less that of the ground, codes.
     pub(crate) contrast: f64,
     /// What it was found as.
-    outline: Outline,
+    sketch: Sketch,
     /// The ground about it, codes above black.
     pub(crate) background: f64,
     /// Growth of the illumination along u and v, relative, 1/px.
@@ -90,10 +90,10 @@ pub(crate) struct OwnCentre {
 }
 
 impl BandLight {
-    pub(crate) fn new(outline: Outline, background: f64, (spot, jacobian): (Spot, SpotJacobian)) -> Self {
+    pub(crate) fn new(sketch: Sketch, background: f64, (spot, jacobian): (Spot, SpotJacobian)) -> Self {
         Self {
-            contrast: outline.contrast,
-            outline,
+            contrast: sketch.contrast,
+            sketch,
             background,
             illumination_slope: [0.0; 2],
             spot,
@@ -142,7 +142,7 @@ impl BandLight {
     /// A blur of radius b moves the half-lit edge of a disc of radius a inwards by b²/8a, which takes π b²/4 off its area.
     fn outgrown(&self, dot: &Dot, slopes: [f64; 2]) -> f64 {
         let Spot { radius_px, blur_px, .. } = self.spot;
-        let area = self.outline.area_px / PI + 0.25 * blur_px * blur_px;
+        let area = self.sketch.area_px / PI + 0.25 * blur_px * blur_px;
         (area / self.foreshortened(dot.centre_mm, slopes)).sqrt() / radius_px
     }
 
@@ -243,7 +243,7 @@ impl Body {
     /// What the contrast of its light should be, where the pixels may not tell.
     pub(crate) fn expected_contrast(&self, light: &BandLight) -> Option<Expected> {
         let share = GUESS_STD[usize::from(self.rounds >= GUESS_ROUNDS)];
-        let value = light.outline.contrast;
+        let value = light.sketch.contrast;
         self.saturated.then(|| Expected { value, std: share * value.abs().max(1.0) })
     }
 

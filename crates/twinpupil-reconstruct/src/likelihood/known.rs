@@ -8,7 +8,7 @@ use twinpupil_instrument::PlaneView;
 
 use crate::likelihood::body::{BandLight, Body};
 use crate::likelihood::joint::{BandView, Joint};
-use crate::likelihood::refine::{ForwardModel, Outline, Workspace};
+use crate::likelihood::refine::{ForwardModel, Sketch, Workspace};
 use crate::likelihood::spot::Dot;
 use crate::noise::Noise;
 
@@ -83,8 +83,8 @@ fn body(dot: Dot, lights: &[Option<KnownLight>], views: &[BandView<'_>]) -> Body
         let KnownLight { contrast_codes, ground_codes } = (*light)?;
         let background = ground_codes - view.black.noise().black_level;
         let (spot, jacobian) = view.spot(&dot);
-        let outline = Outline { contrast: contrast_codes, area_px: PI * spot.radius_px * spot.radius_px };
-        Some(BandLight::new(outline, background, (spot, jacobian)))
+        let sketch = Sketch { contrast: contrast_codes, area_px: PI * spot.radius_px * spot.radius_px };
+        Some(BandLight::new(sketch, background, (spot, jacobian)))
     }));
     body
 }

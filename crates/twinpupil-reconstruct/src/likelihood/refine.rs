@@ -39,7 +39,7 @@ pub(crate) struct Seed {
     pub(crate) centre_mm: [f64; 3],
     pub(crate) diameter_mm: f64,
     /// What every band shows of it.
-    pub(crate) outlines: SmallVec<[Option<Outline>; 2]>,
+    pub(crate) sketches: SmallVec<[Option<Sketch>; 2]>,
     /// Whether its bands together tell its depth.
     pub(crate) placed: bool,
     /// Whether its place may be off by more than the width of an edge.
@@ -50,7 +50,7 @@ pub(crate) struct Seed {
 
 /// A dot in one band.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Outline {
+pub(crate) struct Sketch {
     /// Codes.
     pub(crate) contrast: f64,
     /// Area above half of that, px².
@@ -260,10 +260,9 @@ fn body(seed: &Seed, views: &[BandView<'_>], background: &[f64]) -> Body {
     let z_prior_mm = (!seed.placed).then_some((seed.centre_mm[2], LONE_Z_STD_MM));
     let mut body = Body::new(dot, z_prior_mm, seed.doubtful);
     body.saturated = seed.saturated;
-    let lights = views.iter().zip(&seed.outlines).zip(background);
+    let lights = views.iter().zip(&seed.sketches).zip(background);
     body.bands.extend(
-        lights
-            .map(|((view, outline), ground)| outline.map(|outline| BandLight::new(outline, *ground, view.spot(&dot)))),
+        lights.map(|((view, sketch), ground)| sketch.map(|sketch| BandLight::new(sketch, *ground, view.spot(&dot)))),
     );
     body
 }
