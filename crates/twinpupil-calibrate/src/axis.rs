@@ -214,7 +214,7 @@ impl AxisFinder<'_> {
                 pair.into_iter().zip(signs.iter().zip([point.telecentric, point.entocentric]))
             {
                 let Feature { height_codes, ground_codes, .. } = feature;
-                lights[band] = Some(KnownLight { contrast_codes: sign * height_codes, ground_codes });
+                lights[band] = Some(KnownLight { contrast_codes: sign * height_codes, ground_codes, is_fitted: false });
             }
             KnownDot { centre_mm: point.position_mm, slopes, diameter_mm: point.diameter_mm, lights }
         };
@@ -268,7 +268,7 @@ impl Own {
                 score: score.score,
                 information: score.information,
             }
-            .with_model_error()?;
+            .with_model_error(score.is_cut)?;
             let mut to_dot = Matrix4::zeros();
             to_dot.fixed_columns_mut::<3>(0).copy_from(&gradient.fixed_columns::<3>(CAMERA_SLOTS + 3));
             to_dot.set_column(3, &gradient.column(Slot::Diameter as usize));

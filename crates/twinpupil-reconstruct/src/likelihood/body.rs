@@ -45,6 +45,8 @@ pub(crate) struct Body {
     pub(crate) saturated: bool,
     /// Whether its place is given, so that nothing but its light is fitted.
     pub(crate) pinned: bool,
+    /// Whether the light of a pinned one is known too, but for a last look.
+    pub(crate) is_lit: bool,
     /// Whether pixels that do not fit were left out in the last round.
     pub(crate) masked: bool,
     /// How many of its rows were looked at in the last round.
@@ -217,6 +219,7 @@ impl Body {
             doubtful,
             saturated: false,
             pinned: false,
+            is_lit: false,
             masked: false,
             seen: Share::Quarter,
             has_neighbours: false,
@@ -253,6 +256,9 @@ impl Body {
             let is_settling = self.rounds > GUESS_ROUNDS && self.foreseen_sigmas().1 < NEAR_SIGMAS;
             return is_settling || self.rounds > PATIENCE_SATURATED;
         }
+        if self.is_lit {
+            return true;
+        }
         if self.rounds == 0 {
             return false;
         }
@@ -271,7 +277,7 @@ impl Body {
     /// only on whom its light falls.
     pub(crate) fn rests(&self) -> bool {
         if self.pinned {
-            return !self.alive || self.rounds >= PINNED_ROUNDS;
+            return !self.alive || self.rounds >= if self.is_lit { 1 } else { PINNED_ROUNDS };
         }
         let is_idle = !self.tells_depth()
             && (!self.has_neighbours || self.rounds > 0 && self.explains(NEAR_CHI2) || self.rounds > PATIENCE);
@@ -306,7 +312,7 @@ impl Body {
     /// How many of its rows are to be looked at.
     pub(crate) fn share(&self) -> Share {
         let is_close = self.stride < APPROACHED_STRIDE && self.leant < APPROACHED_LEAN;
-        if is_close || self.rounds >= APPROACH { Share::All } else { Share::Quarter }
+        if self.is_lit || is_close || self.rounds >= APPROACH { Share::All } else { Share::Quarter }
     }
 
     /// About how large the next step will be, of the position alone and with the diameter, in standard deviations: what

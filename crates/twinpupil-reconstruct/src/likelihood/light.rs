@@ -42,7 +42,7 @@ pub(crate) const WIDE_PX: f64 = 4.0;
 
 /// Share of its radius by which the blur of a dot may reach across the edge at one end and along it at the other before
 /// both have to be told apart.
-const SLANTED: f64 = 0.03;
+const SLANTED: f64 = 0.012;
 
 /// What the kernels need of a spot.
 #[derive(Debug, Clone, Copy)]

@@ -77,7 +77,7 @@ impl Spot {
         let radius_mm = 0.5 * dot.diameter_mm;
         let tilt = Tilt::of(dot.slopes);
         let magnification_slope = change.magnification / image.magnification;
-        let shape = tilt.shape([magnification_slope * x_mm, magnification_slope * y_mm]);
+        let shape = tilt.shape([change.x_mm, change.y_mm].map(|drift| drift / image.magnification));
         let radius_px = (image.magnification * radius_mm).abs() * per_px;
         let outwards = aberration_mm / (x_mm * x_mm + y_mm * y_mm).sqrt().max(1e-9);
         // In units of the radius along the first axis of the unit disc.
@@ -239,11 +239,11 @@ impl Tilt {
         Self { steepest, sin: slope * cos, cos }
     }
 
-    /// `R diag(cosθ, 1) + (m′/m) x ⊗ (sinθ, 0)`: foreshortening along the first axis, and what the change of
-    /// magnification with depth adds to it.
-    fn shape(&self, magnified: Vector2) -> Matrix2 {
+    /// `R diag(cosθ, 1) + (p′/m) ⊗ (sinθ, 0)`: foreshortening along the first axis, and what the drift p′ of the image
+    /// with depth adds to it, over the magnification.
+    fn shape(&self, drift: Vector2) -> Matrix2 {
         let [ux, uy] = self.steepest;
-        [[ux * self.cos + magnified[0] * self.sin, -uy], [uy * self.cos + magnified[1] * self.sin, ux]]
+        [[ux * self.cos + drift[0] * self.sin, -uy], [uy * self.cos + drift[1] * self.sin, ux]]
     }
 }
 
