@@ -15,6 +15,7 @@ mod cells;
 mod centroid;
 mod contrast;
 mod detect;
+mod fetch;
 mod fit;
 mod flat;
 mod flood;

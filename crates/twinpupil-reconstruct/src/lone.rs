@@ -76,6 +76,7 @@ impl Content {
     /// All light of a window.
     pub(crate) fn of(light: &Light<'_>, window: Window, line: &mut Vec<f32>) -> Self {
         let [c0, r0] = window.centre;
+        light.fetch(window.rows(), window.columns());
         let mut moments = Moments::default();
         let (mut pixels, mut places) = (0.0, [0.0; 2]);
         for Span { row, first, end } in window.spans() {

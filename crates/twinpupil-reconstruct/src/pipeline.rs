@@ -15,7 +15,7 @@ use crate::calibrated::Calibrated;
 use crate::detect::{DetectOptions, Detection, Detector, Estimator, Feature};
 use crate::further::{FurtherImage, Group, match_predicted};
 use crate::likelihood::known::{KnownDot, SpotScore};
-use crate::likelihood::refine::{ForwardModel, Refined, Seed, Workspace};
+use crate::likelihood::refine::{ForwardModel, Refined, Seed, Sketch, Workspace};
 use crate::likelihood::spot::Dot;
 use crate::matching::{Epipole, Match, MatchOptions, Matcher};
 use crate::model::{Disc, Model};
@@ -26,7 +26,7 @@ use crate::quantile::median;
 use crate::register::Register;
 use crate::rejection::{Rejection, RejectionReason};
 use crate::shading::Shading;
-use crate::slope::{NEIGHBOURS, Slopes};
+use crate::slope::Slopes;
 use crate::unmix::Crosstalk;
 
 /// How points are computed.
@@ -437,7 +437,7 @@ impl Reconstructor {
             }
         }
         let mut slopes = Slopes::default();
-        slopes.lay_through(points.iter().flatten().map(|placed| placed.point.position_mm), NEIGHBOURS);
+        slopes.lay_through(points.iter().flatten().map(|placed| placed.point.position_mm));
         for (placed, _) in points.iter_mut().zip(is_other).filter(|(_, is_other)| **is_other) {
             if let Some(placed) = placed {
                 let slopes = slopes.at(placed.point.position_mm).unwrap_or_default();
@@ -524,12 +524,12 @@ impl Reconstructor {
                 if diameter_px > WIDEST_SHARE * height_px {
                     continue;
                 }
-                let mut contrast = SmallVec::from_elem(None, detections.len());
-                contrast[band] = Some(sign(detection) * probable_height_codes(feature));
+                let mut sketches = SmallVec::from_elem(None, detections.len());
+                sketches[band] = Some(sketch(feature, detection));
                 seeds.push(Seed {
                     centre_mm: [image.x_mm / m, image.y_mm / m, z_mm],
                     diameter_mm: (diameter_px * self.instrument.sensor.pitch_mm / m).max(1e-3),
-                    contrast,
+                    sketches,
                     placed: false,
                     doubtful: true,
                     saturated: feature.saturated,
@@ -652,7 +652,7 @@ impl Reconstructor {
         // The fit of pixels finds slopes by itself.
         let tilts = self.options.mode == Mode::Centroid;
         if tilts {
-            slopes.lay_through(points.iter().flatten().map(|placed| placed.point.position_mm), NEIGHBOURS);
+            slopes.lay_through(points.iter().flatten().map(|placed| placed.point.position_mm));
         }
         if tilts || detections.len() > 2 {
             for (point, group) in points.iter_mut().zip(groups) {
@@ -769,23 +769,24 @@ impl Reconstructor {
 
 /// A point as the fit starts from it.
 fn seed(placed: &Placed, detections: &[Detection]) -> Seed {
-    let contrasts = detections
+    let sketches = detections
         .iter()
         .enumerate()
-        .map(|(band, detection)| placed.feature(band).map(|feature| sign(detection) * probable_height_codes(feature)));
+        .map(|(band, detection)| placed.feature(band).map(|feature| sketch(feature, detection)));
     Seed {
         centre_mm: placed.point.position_mm,
         diameter_mm: placed.point.diameter_mm,
-        contrast: contrasts.collect(),
+        sketches: sketches.collect(),
         placed: true,
         doubtful: placed.point.telecentric.overlapped || placed.point.entocentric.overlapped || placed.is_saturated(),
         saturated: placed.is_saturated(),
     }
 }
 
-/// Of the contrasts of a plane's features.
-fn sign(detection: &Detection) -> f64 {
-    if detection.polarity == Polarity::Bright { 1.0 } else { -1.0 }
+/// A feature as the fit starts from it.
+fn sketch(feature: &Feature, detection: &Detection) -> Sketch {
+    let sign = if detection.polarity == Polarity::Bright { 1.0 } else { -1.0 };
+    Sketch { contrast: sign * probable_height_codes(feature), area_px: feature.area_px }
 }
 
 /// Makes what the border leaves of a feature a whole disc of the typical diameter, which shows that area.

@@ -2,23 +2,26 @@
 
 use crate::cells::Cells;
 
-/// Neighbours through which a plane is laid, the point itself included.
-pub(crate) const NEIGHBOURS: usize = 9;
+/// Neighbours through which a plane is laid, the point itself included; and more of them, where the surface is flat as far
+/// as they reach: their plane is known better.
+const NEAR: usize = 9;
+const AROUND: usize = 25;
 
-/// The same where points are only roughly known.
-pub(crate) const NEIGHBOURS_ROUGH: usize = 25;
+/// The surface is flat about a point if more neighbours scatter about their plane with no more than so many times the
+/// variance of the nearest: about one in ten flat ones seems otherwise.
+const FLAT: f64 = 4.0;
 
 /// A slope is believed if its deviation, from the scatter of the neighbours about their plane, is below this: what is
 /// then left of the error of a tilted disc is about the noise.
 const SLOPE_STD_MAX: f64 = 0.1;
 
-/// The nearest points to a place, nearest first, with the squares of their distances.
+/// Points near a place, with the squares of their distances.
 type Nearest = Vec<(f64, u32)>;
 
 /// Slopes dz/dx and dz/dy under each point, as its neighbours show them; none where those do not lie on a plane.
 pub fn surface_slopes(points_mm: &[[f64; 3]]) -> Vec<[f64; 2]> {
     let mut slopes = Slopes::default();
-    slopes.lay_through(points_mm.iter().copied(), NEIGHBOURS);
+    slopes.lay_through(points_mm.iter().copied());
     points_mm.iter().map(|point_mm| slopes.at(*point_mm).unwrap_or_default()).collect()
 }
 
@@ -26,34 +29,61 @@ pub fn surface_slopes(points_mm: &[[f64; 3]]) -> Vec<[f64; 2]> {
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Slopes {
     points_mm: Vec<[f64; 3]>,
-    /// How many of them a slope is taken from.
-    neighbours: usize,
+    /// Which of them the surface passes through.
+    is_sure: Vec<bool>,
     cells: Cells,
     near: Nearest,
+    /// For every point the points about it, as many for each; those nearest to it first.
+    lists: Vec<u32>,
 }
 
 impl Slopes {
-    /// Lays the surface through points, of which the `neighbours` nearest tell a slope.
-    pub(crate) fn lay_through(&mut self, points_mm: impl Iterator<Item = [f64; 3]>, neighbours: usize) {
-        const CROWD: f64 = 3.0;
-        self.neighbours = neighbours.min(NEIGHBOURS_ROUGH);
+    /// Lays the surface through points.
+    pub(crate) fn lay_through(&mut self, points_mm: impl Iterator<Item = [f64; 3]>) {
+        // With so many in a cell the nearest are mostly found next door.
+        const CROWD: f64 = 8.0;
         self.points_mm.clear();
         self.points_mm.extend(points_mm);
+        self.is_sure.clear();
+        self.is_sure.resize(self.points_mm.len(), true);
         self.cells.fill(self.points_mm.iter().map(|point_mm| [point_mm[0], point_mm[1]]), CROWD);
+        self.lists.clear();
+    }
+
+    /// Finds what stands about every point, for points that stay about where they are.
+    pub(crate) fn get_to_know(&mut self) {
+        let Self { points_mm, cells, near, lists, .. } = self;
+        for place_mm in &*points_mm {
+            find_nearest(points_mm, cells, *place_mm, near);
+            lists.extend(near.iter().map(|(_, index)| *index));
+        }
+    }
+
+    /// Moves all points, and says through which of them the surface passes.
+    pub(crate) fn renew(&mut self, points_mm: impl Iterator<Item = ([f64; 3], bool)>) {
+        let places = self.points_mm.iter_mut().zip(&mut self.is_sure);
+        places.zip(points_mm).for_each(|((place_mm, is_sure), new)| (*place_mm, *is_sure) = new);
     }
 
     /// Slopes dz/dx and dz/dy at a place; `None` where the nearest points do not lie on a plane.
     pub(crate) fn at(&mut self, place_mm: [f64; 3]) -> Option<[f64; 2]> {
-        let Self { points_mm, neighbours: count, cells, near } = self;
-        nearest(points_mm, cells, place_mm, *count, near);
-        let mut neighbours = [[0.0; 3]; NEIGHBOURS_ROUGH];
-        neighbours.iter_mut().zip(&*near).for_each(|(neighbour, (_, index))| *neighbour = points_mm[*index as usize]);
-        slopes_of(&mut neighbours[..near.len()], place_mm)
+        let Self { points_mm, cells, near, .. } = self;
+        find_nearest(points_mm, cells, place_mm, near);
+        slopes_of(near.iter().map(|(_, index)| points_mm[*index as usize]), place_mm)
+    }
+
+    /// The same at a point that is known.
+    pub(crate) fn at_known(&self, index: usize) -> Option<[f64; 2]> {
+        let count = AROUND.min(self.points_mm.len());
+        let list = self.lists.get(index * count..(index + 1) * count)?.iter().map(|other| *other as usize);
+        let sure_mm = list.filter(|other| self.is_sure[*other]).map(|other| self.points_mm[other]);
+        slopes_of(sure_mm, self.points_mm[index])
     }
 }
 
-/// The nearest points to a place: in growing squares of cells about it, until none farther out can be nearer.
-fn nearest(points_mm: &[[f64; 3]], cells: &Cells, place_mm: [f64; 3], count: usize, found: &mut Nearest) {
+/// The nearest [`AROUND`] points to a place, the nearest [`NEAR`] before the others: in growing squares of cells about it,
+/// until none farther out can be nearer.
+fn find_nearest(points_mm: &[[f64; 3]], cells: &Cells, place_mm: [f64; 3], found: &mut Nearest) {
     found.clear();
     let home = [0, 1].map(|axis| cells.cell(axis, place_mm[axis]));
     let last = [0, 1].map(|axis| cells.count(axis).saturating_sub(1));
@@ -63,16 +93,17 @@ fn nearest(points_mm: &[[f64; 3]], cells: &Cells, place_mm: [f64; 3], count: usi
         for row in first_row..=last_row {
             // What lies inside was looked at before.
             if reach == 1 || row.abs_diff(home[1]) == reach {
-                add_nearest(points_mm, cells.row(row, first_column, last_column), place_mm, count, found);
+                add(points_mm, cells.row(row, first_column, last_column), place_mm, found);
                 continue;
             }
             for column in [first_column, last_column] {
                 if column.abs_diff(home[0]) == reach {
-                    add_nearest(points_mm, cells.row(row, column, column), place_mm, count, found);
+                    add(points_mm, cells.row(row, column, column), place_mm, found);
                 }
             }
         }
         let whole = [first_column, first_row] == [0, 0] && [last_column, last_row] == last;
+        let farthest_mm2 = keep_nearest(found, AROUND);
         // Beyond the outer cells there is nothing.
         let beyond_mm = |axis: usize, first: usize, end: usize| {
             let below = if first == 0 { f64::INFINITY } else { place_mm[axis] - cells.start(axis, first) };
@@ -80,46 +111,82 @@ fn nearest(points_mm: &[[f64; 3]], cells: &Cells, place_mm: [f64; 3], count: usi
             below.min(above)
         };
         let margin_mm = beyond_mm(0, first_column, last_column).min(beyond_mm(1, first_row, last_row));
-        if whole || found.get(count - 1).is_some_and(|(farthest_mm2, _)| *farthest_mm2 <= margin_mm * margin_mm) {
-            return;
+        if whole || found.len() == AROUND && farthest_mm2 <= margin_mm * margin_mm {
+            break;
         }
+    }
+    if found.len() > NEAR {
+        found.select_nth_unstable_by(NEAR - 1, by_distance);
     }
 }
 
-/// Puts points among the nearest ones.
-fn add_nearest(
-    points_mm: &[[f64; 3]],
-    members: &[u32],
-    [x0_mm, y0_mm, _]: [f64; 3],
-    count: usize,
-    found: &mut Nearest,
-) {
-    for &index in members {
+fn by_distance(a: &(f64, u32), b: &(f64, u32)) -> std::cmp::Ordering {
+    a.0.total_cmp(&b.0).then(a.1.cmp(&b.1))
+}
+
+/// Adds points with their distances.
+fn add(points_mm: &[[f64; 3]], members: &[u32], [x0_mm, y0_mm, _]: [f64; 3], found: &mut Nearest) {
+    found.extend(members.iter().map(|&index| {
         let [x_mm, y_mm, _] = points_mm[index as usize];
-        let distance_mm2 = (x_mm - x0_mm).powi(2) + (y_mm - y0_mm).powi(2);
-        if found.get(count - 1).is_none_or(|(farthest_mm2, _)| distance_mm2 < *farthest_mm2) {
-            let rank = found.iter().rposition(|(other_mm2, _)| *other_mm2 <= distance_mm2).map_or(0, |rank| rank + 1);
-            found.truncate(count - 1);
-            found.insert(rank, (distance_mm2, index));
-        }
-    }
+        ((x_mm - x0_mm).powi(2) + (y_mm - y0_mm).powi(2), index)
+    }));
 }
 
-/// Slopes of the plane through the neighbours of a place, without those that lie farthest off it, two in nine.
-fn slopes_of(neighbours_mm: &mut [[f64; 3]], place_mm: [f64; 3]) -> Option<[f64; 2]> {
-    const FEWEST: usize = 5;
-    let first = Plane::through(neighbours_mm, place_mm)?;
-    let mut kept_mm = neighbours_mm;
-    for _ in 0..(kept_mm.len() / 4).min(kept_mm.len().saturating_sub(FEWEST)) {
-        let last = kept_mm.len() - 1;
-        let off_mm = |index: &usize| first.off_mm(&kept_mm[*index]).abs();
-        let farthest = (0..=last).max_by(|a, b| off_mm(a).total_cmp(&off_mm(b))).unwrap_or(last);
-        kept_mm.swap(farthest, last);
-        kept_mm = &mut kept_mm[..last];
+/// Keeps so many of the nearest points; the square of the distance to the farthest of them.
+fn keep_nearest(found: &mut Nearest, count: usize) -> f64 {
+    if found.len() > count {
+        found.select_nth_unstable_by(count - 1, by_distance);
+        found.truncate(count);
     }
-    let plane = Plane::through(kept_mm, place_mm)?;
-    let sure = kept_mm.len() >= FEWEST && plane.slope_std(kept_mm) < SLOPE_STD_MAX;
-    sure.then_some(plane.slopes)
+    found.iter().map(|(distance_mm2, _)| *distance_mm2).fold(0.0, f64::max)
+}
+
+/// Slopes of the surface about a place: of the plane through the points about it if that is as flat as the one through
+/// those nearest to it, which come first, else of the latter.
+fn slopes_of(about_mm: impl Iterator<Item = [f64; 3]>, place_mm: [f64; 3]) -> Option<[f64; 2]> {
+    let mut points_mm = [[0.0; 3]; AROUND];
+    let count = points_mm.iter_mut().zip(about_mm).map(|(point_mm, about_mm)| *point_mm = about_mm).count();
+    let (mut near_mm, mut all_mm) = (points_mm, points_mm);
+    let near = Fit::through(&mut near_mm[..count.min(NEAR)], place_mm);
+    let all = if count > NEAR { Fit::through(&mut all_mm[..count], place_mm) } else { None };
+    let flat = all.filter(|all| near.as_ref().is_none_or(|near| all.scatter_mm2 < FLAT * near.scatter_mm2));
+    let fit = flat.or(near)?;
+    (fit.slope_std() < SLOPE_STD_MAX).then_some(fit.plane.slopes)
+}
+
+/// A plane through points, and how they scatter about it.
+struct Fit {
+    plane: Plane,
+    scatter_mm2: f64,
+}
+
+impl Fit {
+    /// Without those that lie farthest off it, two in nine.
+    fn through(points_mm: &mut [[f64; 3]], place_mm: [f64; 3]) -> Option<Self> {
+        const FEWEST: usize = 5;
+        let first = Plane::through(points_mm, place_mm)?;
+        let count = points_mm.len();
+        let kept = count - (count / 4).min(count.saturating_sub(FEWEST));
+        if kept < FEWEST {
+            return None;
+        }
+        let mut off_mm = [0.0; AROUND];
+        off_mm.iter_mut().zip(&*points_mm).for_each(|(off_mm, point_mm)| *off_mm = first.off_mm(point_mm).abs());
+        for last in (kept..count).rev() {
+            let farthest = (0..last).fold(last, |farthest, k| if off_mm[k] > off_mm[farthest] { k } else { farthest });
+            off_mm.swap(farthest, last);
+            points_mm.swap(farthest, last);
+        }
+        let kept_mm = &points_mm[..kept];
+        let plane = Plane::through(kept_mm, place_mm)?;
+        let squares: f64 = kept_mm.iter().map(|point_mm| plane.off_mm(point_mm).powi(2)).sum();
+        Some(Self { plane, scatter_mm2: squares / (kept - 3) as f64 })
+    }
+
+    /// Deviation of the steeper slope, from the scatter of the points: it must be the surface that is flat.
+    fn slope_std(&self) -> f64 {
+        (self.scatter_mm2 * self.plane.variance).sqrt()
+    }
 }
 
 /// A plane `z = z₀ + s·(x − x₀)` by least squares.
@@ -160,13 +227,6 @@ impl Plane {
         let [x_mm, y_mm, z_mm] = [0, 1, 2].map(|axis| point_mm[axis] - self.origin_mm[axis]);
         z_mm - self.slopes[0] * x_mm - self.slopes[1] * y_mm
     }
-
-    /// Deviation of the steeper slope, from the scatter of the points: it must be the surface that is flat.
-    fn slope_std(&self, points_mm: &[[f64; 3]]) -> f64 {
-        let squares: f64 = points_mm.iter().map(|point_mm| self.off_mm(point_mm).powi(2)).sum();
-        let variance = squares / (points_mm.len().saturating_sub(3)).max(1) as f64;
-        (variance * self.variance).sqrt()
-    }
 }
 
 #[cfg(test)]
@@ -175,8 +235,13 @@ mod tests {
 
     fn slopes_at(points_mm: &[[f64; 3]]) -> Vec<[f64; 2]> {
         let mut slopes = Slopes::default();
-        slopes.lay_through(points_mm.iter().copied(), NEIGHBOURS);
-        points_mm.iter().map(|point_mm| slopes.at(*point_mm).unwrap_or_default()).collect()
+        slopes.lay_through(points_mm.iter().copied());
+        slopes.get_to_know();
+        let known = (0..points_mm.len()).map(|index| slopes.at_known(index).unwrap_or_default()).collect();
+        let at_places: Vec<[f64; 2]> =
+            points_mm.iter().map(|point_mm| slopes.at(*point_mm).unwrap_or_default()).collect();
+        assert_eq!(at_places, known);
+        known
     }
 
     fn points(z_mm: impl Fn(f64, f64) -> f64) -> Vec<[f64; 3]> {
@@ -208,15 +273,26 @@ mod tests {
         let known_mm: Vec<[f64; 3]> =
             (0..300_u32).map(|k| [f64::from(k * 37 % 101).powf(1.3), f64::from(k * 53 % 97), 300.0]).collect();
         let mut slopes = Slopes::default();
-        slopes.lay_through(known_mm.iter().copied(), NEIGHBOURS);
+        slopes.lay_through(known_mm.iter().copied());
         for place_mm in [[0.0, 0.0, 0.0], [200.0, 50.0, 0.0], [333.3, 97.1, 0.0], [900.0, -50.0, 0.0], [71.0, 3.0, 0.0]]
         {
-            nearest(&slopes.points_mm, &slopes.cells, place_mm, NEIGHBOURS, &mut slopes.near);
+            find_nearest(&slopes.points_mm, &slopes.cells, place_mm, &mut slopes.near);
             let distance_mm2 = |p: &[f64; 3]| (p[0] - place_mm[0]).powi(2) + (p[1] - place_mm[1]).powi(2);
             let mut all_mm2: Vec<f64> = known_mm.iter().map(distance_mm2).collect();
             all_mm2.sort_by(f64::total_cmp);
-            let found_mm2: Vec<f64> = slopes.near.iter().map(|(distance_mm2, _)| *distance_mm2).collect();
-            assert_eq!(found_mm2, all_mm2[..NEIGHBOURS], "{place_mm:?}");
+            let mut found_mm2: Vec<f64> = slopes.near.iter().map(|(distance_mm2, _)| *distance_mm2).collect();
+            found_mm2[..NEAR].sort_by(f64::total_cmp);
+            assert_eq!(found_mm2[..NEAR], all_mm2[..NEAR], "{place_mm:?}");
+            found_mm2.sort_by(f64::total_cmp);
+            assert_eq!(found_mm2, all_mm2[..AROUND], "{place_mm:?}");
         }
+    }
+
+    #[test]
+    fn a_curved_surface_has_the_slopes_of_the_nearest_points() {
+        let slopes = slopes_at(&points(|x, y| 300.0 + 0.2 * (x - 3.7) * (x - 3.7) + 0.1 * y));
+        // In the middle of the sixth part of the grid, where the curve rises by 0.4 a mm.
+        let [sx, sy] = slopes[14];
+        assert!((sx - 0.4 * (3.0 - 3.7)).abs() < 0.05 && (sy - 0.1).abs() < 0.02, "{sx} {sy}");
     }
 }

@@ -1,5 +1,7 @@
 //! Where the light of a feature lies: a round window, and the features whose windows it overlaps.
 
+use std::ops::Range;
+
 use crate::cells::Cells;
 
 /// Where the light of a feature lies, pixels of the plane.
@@ -57,10 +59,20 @@ impl Window {
         self.half_width < self.radius || self.half_height < self.radius
     }
 
+    /// All rows that it meets.
+    pub(crate) fn rows(&self) -> Range<usize> {
+        round_up(self.centre[1] - self.half_height)..(self.centre[1] + self.half_height) as usize + 1
+    }
+
+    /// All columns that it meets.
+    pub(crate) fn columns(&self) -> Range<usize> {
+        round_up(self.centre[0] - self.half_width)..(self.centre[0] + self.half_width) as usize + 1
+    }
+
     /// Its rows, from top to bottom.
     pub(crate) fn spans(self) -> impl Iterator<Item = Span> {
         let [c, r] = self.centre;
-        (round_up(r - self.half_height)..=(r + self.half_height) as usize).filter_map(move |row| {
+        self.rows().filter_map(move |row| {
             let dr = row as f64 - r;
             let chord = (self.radius * self.radius - dr * dr).max(0.0).sqrt().min(self.half_width);
             let (first, end) = (round_up(c - chord), (c + chord) as usize + 1);

@@ -18,7 +18,8 @@ pub(crate) struct Black {
     pub(crate) light_max: f32,
     low: f32,
     per_step: f32,
-    nodes: Vec<Reading>,
+    /// Mean, slope and trust of [`Reading`], and nothing.
+    nodes: [[f32; 4]; NODES],
 }
 
 /// What a pixel reads for some light.
@@ -36,6 +37,7 @@ pub(crate) struct Reading {
 const REACH_SIGMAS: f64 = 5.0;
 
 const NODES: usize = 256;
+const LAST_PLACE: f32 = (NODES - 1) as f32 - 1e-3;
 
 impl Black {
     pub(crate) fn new(noise: &Noise) -> Self {
@@ -45,21 +47,27 @@ impl Black {
         let reach = REACH_SIGMAS * REACH_SIGMAS * noise.slope_codes;
         let high = 0.5 * (reach + (reach * reach + 4.0 * (REACH_SIGMAS * floor).powi(2)).sqrt()) - noise.black_level;
         if high <= 0.0 {
-            return Self { noise: *noise, light_max: f32::NEG_INFINITY, low: 0.0, per_step: 0.0, nodes: Vec::new() };
+            return Self {
+                noise: *noise,
+                light_max: f32::NEG_INFINITY,
+                low: 0.0,
+                per_step: 0.0,
+                nodes: [[0.0; 4]; NODES],
+            };
         }
         let step = (high - low) / (NODES - 1) as f64;
         let node = |k: usize| {
             let light = low + step * k as f64;
             let (mean, variance) = moments(light, noise);
             let slope = (moments(light + 0.01, noise).0 - moments(light - 0.01, noise).0) / 0.02;
-            Reading { mean: mean as f32, slope: slope as f32, trust: (1.0 / variance) as f32 }
+            [mean, slope, 1.0 / variance, 0.0].map(|value| value as f32)
         };
         Self {
             noise: *noise,
             light_max: high as f32,
             low: low as f32,
             per_step: (1.0 / step) as f32,
-            nodes: (0..NODES).map(node).collect(),
+            nodes: std::array::from_fn(node),
         }
     }
 
@@ -78,15 +86,14 @@ impl Black {
     }
 
     /// What pixels read that receive `light`, which lies below [`Self::light_max`].
+    #[inline(always)]
     pub(crate) fn read(&self, light: f32) -> Reading {
-        let place = ((light - self.low) * self.per_step).clamp(0.0, (NODES - 1) as f32 - 1e-3);
-        let (index, share) = (place as usize, place.fract());
-        let (a, b) = (self.nodes[index], self.nodes[index + 1]);
-        Reading {
-            mean: a.mean + share * (b.mean - a.mean),
-            slope: a.slope + share * (b.slope - a.slope),
-            trust: a.trust + share * (b.trust - a.trust),
-        }
+        let place = ((light - self.low) * self.per_step).clamp(0.0, LAST_PLACE);
+        let index = place as i32 as usize;
+        let share = place - (index as i32) as f32;
+        let [low, high] = [self.nodes[index % NODES], self.nodes[(index + 1) % NODES]];
+        let [mean, slope, trust, _]: [f32; 4] = std::array::from_fn(|k| low[k] + share * (high[k] - low[k]));
+        Reading { mean, slope, trust }
     }
 }
 

@@ -1,11 +1,15 @@
 //! What is fitted: one dot, its light in every band that shows it, and where it is imaged.
 
+use std::f64::consts::PI;
+
 use nalgebra::{Cholesky, Const, Matrix3, Matrix4, SVector, Vector3, Vector4, Vector6};
 use smallvec::SmallVec;
 use twinpupil_instrument::PixelPoint;
 
 use crate::likelihood::illumination::shift_px;
 use crate::likelihood::normal::{Normal, Shape};
+use crate::likelihood::pencil::length;
+use crate::likelihood::refine::Sketch;
 use crate::likelihood::samples::{Share, Window};
 use crate::likelihood::spot::{Dot, Spot, SpotJacobian};
 
@@ -25,6 +29,12 @@ pub(crate) struct Body {
     /// Size of the last step in standard deviations, and that of its position alone.
     pub(crate) step_sigmas: f64,
     pub(crate) moved_sigmas: f64,
+    /// How far its edges moved last, over their widths.
+    pub(crate) stride: f64,
+    /// The same of what its slopes did to them since.
+    pub(crate) leant: f64,
+    /// Whether its surface or its light have changed since so that it feels it.
+    pub(crate) stirred: bool,
     /// Whether its light could be fitted at all.
     pub(crate) alive: bool,
     /// Rounds in which it has been fitted.
@@ -39,9 +49,8 @@ pub(crate) struct Body {
     pub(crate) is_lit: bool,
     /// Whether pixels that do not fit were left out in the last round.
     pub(crate) masked: bool,
-    /// How many of its rows were looked at in the last round, and are to be in the next.
+    /// How many of its rows were looked at in the last round.
     pub(crate) seen: Share,
-    pub(crate) share: Share,
     /// Whether another's light reaches into its window.
     pub(crate) has_neighbours: bool,
     /// Whether it takes part in the round.
@@ -55,8 +64,8 @@ pub(crate) struct Body {
 pub(crate) struct BandLight {
     /// Its light less that of the ground, codes.
     pub(crate) contrast: f64,
-    /// What it was thought to be at first, codes.
-    first_contrast: f64,
+    /// What it was found as.
+    sketch: Sketch,
     /// The ground about it, codes above black.
     pub(crate) background: f64,
     /// Growth of the illumination along u and v, relative, 1/px.
@@ -83,10 +92,10 @@ pub(crate) struct OwnCentre {
 }
 
 impl BandLight {
-    pub(crate) fn new(contrast: f64, background: f64, (spot, jacobian): (Spot, SpotJacobian)) -> Self {
+    pub(crate) fn new(sketch: Sketch, background: f64, (spot, jacobian): (Spot, SpotJacobian)) -> Self {
         Self {
-            contrast,
-            first_contrast: contrast,
+            contrast: sketch.contrast,
+            sketch,
             background,
             illumination_slope: [0.0; 2],
             spot,
@@ -123,6 +132,28 @@ impl BandLight {
         })
     }
 
+    /// Area of the dot's image over that of the same dot across the axis: it is foreshortened, and magnified by what its
+    /// depth is there.
+    fn foreshortened(&self, centre_mm: [f64; 3], [sx, sy]: [f64; 2]) -> f64 {
+        let magnified = self.jacobian[(2, 2)] / self.spot.radius_px;
+        (1.0 + magnified * (sx * centre_mm[0] + sy * centre_mm[1])).max(0.1) / (1.0 + sx * sx + sy * sy).sqrt()
+    }
+
+    /// How much larger than its diameter the dot is found to be, if it has these slopes.
+    ///
+    /// A blur of radius b moves the half-lit edge of a disc of radius a inwards by b²/8a, which takes π b²/4 off its area.
+    fn outgrown(&self, dot: &Dot, slopes: [f64; 2]) -> f64 {
+        let Spot { radius_px, blur_px, .. } = self.spot;
+        let area = self.sketch.area_px / PI + 0.25 * blur_px * blur_px;
+        (area / self.foreshortened(dot.centre_mm, slopes)).sqrt() / radius_px
+    }
+
+    /// How far the edges move with the step, over their width.
+    fn stride(&self) -> f64 {
+        let moved_px = length([self.step[0], self.step[1]]).max(self.step[2].abs());
+        moved_px / self.spot.edge_px()
+    }
+
     /// χ² once the step is taken, as the equations foresee it, with the neighbours as they are.
     fn foreseen_chi2(&self) -> f64 {
         let Normal { information, score, chi2, .. } = &self.normal;
@@ -145,29 +176,29 @@ const GUESS_ROUNDS: usize = 3;
 /// Blur added to the edges of a doubtful dot in the first round, so that they are felt from farther away.
 const SOFTENING_PX: f64 = 2.0;
 
-/// After a step this small, or so many rounds, all rows are looked at.
-const APPROACHED_SIGMAS: f64 = 30.0;
+/// After a stride this short, or so many rounds, all rows are looked at; while slopes change by more than that, its
+/// neighbours are not in their places yet, and more rows would not help.
+const APPROACHED_STRIDE: f64 = 0.1;
+const APPROACHED_LEAN: f64 = 0.016;
 const APPROACH: usize = 4;
 
 /// Rounds after which pixels that do not fit are left out, come what may.
 const PATIENCE: usize = 6;
 const PATIENCE_SATURATED: usize = 11;
 
-/// After a step this small, in standard deviations, or with so little χ² a pixel, a dot is so near its place that pixels
-/// which do not fit at all are not its own.
+/// When the next step is foreseen to be this small, in standard deviations, or with so little χ² a pixel, a dot is so near
+/// its place that pixels which do not fit at all are not its own.
 const NEAR_SIGMAS: f64 = 20.0;
 const NEAR_CHI2: f64 = 1.5;
 
 /// Rounds after which the light of a dot whose place is given is known: the first finds it, the next weigh pixels by it.
 const PINNED_ROUNDS: usize = 3;
 
-/// After a step this small, of the position alone and with the diameter, the next would be none: each is about the square
-/// of the last, over the width of the edge.
-const LAST_SIGMAS: (f64, f64) = (8.0, 20.0);
+/// A dot rests when the next steps of its position alone and with the diameter are foreseen to be this small.
+const LAST_SIGMAS: (f64, f64) = (0.2, 0.5);
 
-/// The same with neighbours, whose steps it feels, or on a slope as steep as this, where derivatives are less exact.
-const LAST_SIGMAS_HARD: (f64, f64) = (2.0, 5.0);
-const STEEP: f64 = 0.3;
+/// The next step over the last one and its stride.
+const BEND: f64 = 2.0;
 
 impl Body {
     pub(crate) fn new(dot: Dot, z_prior_mm: Option<(f64, f64)>, doubtful: bool) -> Self {
@@ -180,6 +211,9 @@ impl Body {
             equations: None,
             step_sigmas: f64::INFINITY,
             moved_sigmas: f64::INFINITY,
+            stride: f64::INFINITY,
+            leant: 0.0,
+            stirred: false,
             alive: true,
             rounds: 0,
             doubtful,
@@ -188,7 +222,6 @@ impl Body {
             is_lit: false,
             masked: false,
             seen: Share::Quarter,
-            share: Share::Quarter,
             has_neighbours: false,
             moves: true,
             quality: FitQuality::default(),
@@ -196,8 +229,13 @@ impl Body {
     }
 
     /// Whether its bands together tell its depth.
+    pub(crate) fn tells_depth(&self) -> bool {
+        self.z_prior_mm.is_none()
+    }
+
+    /// Whether it stands where its bands together tell.
     pub(crate) fn is_placed(&self) -> bool {
-        self.alive && self.z_prior_mm.is_none()
+        self.alive && self.tells_depth()
     }
 
     /// Blur to be added in the coming round, px.
@@ -208,26 +246,26 @@ impl Body {
     /// What the contrast of its light should be, where the pixels may not tell.
     pub(crate) fn expected_contrast(&self, light: &BandLight) -> Option<Expected> {
         let share = GUESS_STD[usize::from(self.rounds >= GUESS_ROUNDS)];
-        let value = light.first_contrast;
+        let value = light.sketch.contrast;
         self.saturated.then(|| Expected { value, std: share * value.abs().max(1.0) })
     }
 
     /// Whether it is near enough to its place that pixels which do not fit are not its own.
     pub(crate) fn is_near(&self) -> bool {
         if self.saturated {
-            let is_settling = self.rounds > GUESS_ROUNDS && self.step_sigmas < NEAR_SIGMAS;
+            let is_settling = self.rounds > GUESS_ROUNDS && self.foreseen_sigmas().1 < NEAR_SIGMAS;
             return is_settling || self.rounds > PATIENCE_SATURATED;
         }
         if self.is_lit {
             return true;
         }
-        if self.rounds == 0 || self.doubtful && self.rounds == 1 {
+        if self.rounds == 0 {
             return false;
         }
         if self.pinned {
             return self.explains(NEAR_CHI2);
         }
-        self.step_sigmas < NEAR_SIGMAS || self.explains(NEAR_CHI2) || self.rounds > PATIENCE
+        self.foreseen_sigmas().1 < NEAR_SIGMAS || self.explains(NEAR_CHI2) || self.rounds > PATIENCE
     }
 
     /// Whether its pixels lie about their model with so much χ² each.
@@ -241,12 +279,46 @@ impl Body {
         if self.pinned {
             return !self.alive || self.rounds >= if self.is_lit { 1 } else { PINNED_ROUNDS };
         }
-        let is_steep = self.dot.slopes.iter().any(|slope| slope.abs() > STEEP);
-        let is_hard = self.has_neighbours || self.saturated || is_steep;
-        let (enough, whole) = if is_hard { LAST_SIGMAS_HARD } else { LAST_SIGMAS };
-        let unseen = self.z_prior_mm.is_some() && !self.has_neighbours;
-        let is_last = self.moved_sigmas < enough && self.step_sigmas < whole;
-        !self.alive || unseen || self.masked && self.seen == Share::All && is_last
+        let is_idle = !self.tells_depth()
+            && (!self.has_neighbours || self.rounds > 0 && self.explains(NEAR_CHI2) || self.rounds > PATIENCE);
+        let (moved, step) = self.foreseen_sigmas();
+        let is_last = !self.stirred && moved < LAST_SIGMAS.0 && step < LAST_SIGMAS.1;
+        !self.alive || is_idle || (self.masked || self.is_clean()) && self.seen == Share::All && is_last
+    }
+
+    /// Whether its pixels lie about their model so closely that none of them will be left out: one that does not belong to it
+    /// adds more than χ² scatters by.
+    fn is_clean(&self) -> bool {
+        let used = self.quality.used as f64;
+        self.rounds > 0 && self.quality.chi2 < used + (2.0 * used).sqrt()
+    }
+
+    /// Takes other slopes. At first the largest of its outlines tells its diameter, since those of other bands may have
+    /// lost more to the masks; later the area of its foreshortened image does.
+    pub(crate) fn lean(&mut self, slopes: [f64; 2]) {
+        let dot = self.dot;
+        let lights = self.bands.iter().flatten();
+        let growth = if self.rounds == 0 {
+            lights.map(|light| light.outgrown(&dot, slopes)).fold(0.0, f64::max)
+        } else {
+            let area = |slopes: [f64; 2]| -> f64 {
+                lights.clone().map(|light| light.foreshortened(dot.centre_mm, slopes)).sum()
+            };
+            (area(dot.slopes) / area(slopes)).sqrt()
+        };
+        self.dot = Dot { slopes, diameter_mm: growth * dot.diameter_mm, ..dot };
+    }
+
+    /// How many of its rows are to be looked at.
+    pub(crate) fn share(&self) -> Share {
+        let is_close = self.stride < APPROACHED_STRIDE && self.leant < APPROACHED_LEAN;
+        if self.is_lit || is_close || self.rounds >= APPROACH { Share::All } else { Share::Quarter }
+    }
+
+    /// About how large the next step will be, of the position alone and with the diameter, in standard deviations: what
+    /// derivatives miss of a step grows with its stride.
+    fn foreseen_sigmas(&self) -> (f64, f64) {
+        (BEND * self.stride * self.moved_sigmas, BEND * self.stride * self.step_sigmas)
     }
 
     /// Information on x, y, z and diameter from all bands when they were last looked at.
@@ -322,6 +394,8 @@ impl Body {
     /// Takes the step that was solved for.
     pub(crate) fn advance(&mut self) {
         self.moved_sigmas = self.moved_sigmas();
+        (self.stirred, self.leant) = (false, 0.0);
+        self.stride = self.bands.iter().flatten().map(BandLight::stride).fold(0.0, f64::max);
         self.quality = self.foreseen_quality();
         // Far from the solution a full step may overshoot: no spot moves by more than a quarter of its size.
         let step = self.step;
@@ -339,9 +413,6 @@ impl Body {
         self.alive &= self.dot.diameter_mm > 0.0
             && self.dot.centre_mm[2] > 0.0
             && self.dot.centre_mm.iter().all(|coordinate| coordinate.is_finite());
-        if self.moved_sigmas < APPROACHED_SIGMAS || self.rounds >= APPROACH {
-            self.share = Share::All;
-        }
     }
 
     /// Size of the step of x, y and z in standard deviations, whatever the diameter may do.

@@ -259,3 +259,11 @@ pub(crate) fn lanes(number: impl Fn(usize) -> f32) -> Lanes {
     }
     lanes
 }
+
+/// Numbers that do not fill the lanes, with zeros behind them.
+#[inline(always)]
+pub(crate) fn padded<const N: usize>(rest: &[f32]) -> [f32; N] {
+    let mut lanes = [0.0; N];
+    lanes.iter_mut().zip(rest).for_each(|(lane, number)| *lane = *number);
+    lanes
+}

@@ -3,7 +3,7 @@
 use nalgebra::SMatrix;
 
 use crate::likelihood::light::{Light, Places};
-use crate::likelihood::normal::{UNKNOWNS, dot};
+use crate::likelihood::normal::{UNKNOWNS, products_with};
 use crate::likelihood::spot::Spot;
 use crate::likelihood::weigh::Weights;
 
@@ -22,7 +22,8 @@ pub(crate) struct Near {
     index: Vec<u32>,
     places: Places,
     light: Light,
-    own: Vec<f32>,
+    /// Weights and one column of the spot itself there.
+    own: [Vec<f32>; 2],
 }
 
 /// A neighbour whose light falls into a window.
@@ -82,19 +83,26 @@ impl Near {
         if self.index.is_empty() {
             return None;
         }
-        let Self { index, light: other, own: weighted, .. } = self;
+        let Self { index, light: other, own: [weight, of_column], .. } = self;
+        gather(index, &weights.weight, weight);
         let columns = [&own.with_u, &own.with_v, &own.with_radius, &own.with_blur, &own.light, &own.open];
         let scales = [contrast, contrast, contrast, contrast, 1.0, 1.0];
-        let others = [&other.with_u, &other.with_v, &other.with_radius, &other.with_blur, &other.light];
+        let others = [&other.with_u[..], &other.with_v, &other.with_radius, &other.with_blur, &other.light];
         let other_scales = [near.contrast, near.contrast, near.contrast, near.contrast, 1.0];
         let mut block = SMatrix::zeros();
         for (i, column) in columns.into_iter().enumerate() {
-            weighted.clear();
-            weighted.extend(index.iter().map(|k| weights.weight[*k as usize] * column[*k as usize]));
-            for (k, other) in others.into_iter().enumerate() {
-                block[(i, k)] = scales[i] * other_scales[k] * dot(weighted, other);
+            gather(index, column, of_column);
+            let products = products_with(others, weight, of_column);
+            for (k, product) in products.into_iter().enumerate() {
+                block[(i, k)] = scales[i] * other_scales[k] * product;
             }
         }
         Some(block)
     }
+}
+
+/// The values with these indices.
+fn gather(index: &[u32], values: &[f32], gathered: &mut Vec<f32>) {
+    gathered.clear();
+    gathered.extend(index.iter().map(|k| values[*k as usize]));
 }

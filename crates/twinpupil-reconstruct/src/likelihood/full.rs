@@ -38,6 +38,16 @@ pub(crate) struct FullRow<'a> {
     pub(crate) dv_px: f64,
 }
 
+/// Codes of pixels side by side.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Stretch<'a> {
+    pub(crate) values: &'a [f32],
+    /// Place of the first, and from each to the next.
+    pub(crate) first_px: f64,
+    pub(crate) step_px: f64,
+    pub(crate) dv_px: f64,
+}
+
 /// A level with a slope, `l₀ + g·p`, in codes above that of the sums.
 #[derive(Debug, Clone, Copy)]
 struct Incline {
@@ -131,13 +141,8 @@ impl Full {
             for (k, code) in row.codes.iter().step_by(row.step).take(row.count).enumerate() {
                 let place = [row.first_px + (row.step * k) as f64, row.dv_px];
                 if *code < code_max && is_own(place, f64::from(*code) - self.level) {
-                    kept.add(&FullRow {
-                        codes: std::slice::from_ref(code),
-                        step: 1,
-                        count: 1,
-                        first_px: place[0],
-                        dv_px: place[1],
-                    });
+                    let values = &[f32::from(*code)];
+                    kept.add(&Stretch { values, first_px: place[0], step_px: 1.0, dv_px: place[1] });
                 } else {
                     masked += 1;
                 }
@@ -235,33 +240,24 @@ impl Tally {
         }
     }
 
-    /// Adds a row.
+    /// Adds pixels of a row.
     #[inline(always)]
-    pub(crate) fn add(&mut self, row: &FullRow<'_>) {
-        if row.count == 0 {
+    pub(crate) fn add(&mut self, stretch: &Stretch<'_>) {
+        if stretch.values.is_empty() {
             return;
         }
-        self.place(row);
-        let (level, first_px, dv_px) = (self.full.level as f32, row.first_px as f32, row.dv_px as f32);
-        for start in (0..row.count).step_by(LANES) {
-            let left = (row.count - start).min(LANES);
-            let values = chunk(row, start);
-            let mut codes = [0.0; LANES];
-            for lane in 0..LANES {
-                let d = values[lane] - level;
-                codes[lane] = if lane < left { d } else { 0.0 };
-                self.lowest[lane] = self.lowest[lane].min(if lane < left { d } else { f32::INFINITY });
-                self.highest[lane] = self.highest[lane].max(if lane < left { d } else { f32::NEG_INFINITY });
-            }
-            let [code, code_u, code_v, code2] = &mut self.sums;
-            for lane in 0..LANES {
-                let d = codes[lane];
-                let u = first_px + row.step as f32 * ((start + lane) as u32) as f32;
-                code[lane] += d;
-                code_u[lane] += d * u;
-                code_v[lane] += d * dv_px;
-                code2[lane] += d * d;
-            }
+        self.place(stretch);
+        let (first_px, step_px) = (stretch.first_px as f32, stretch.step_px as f32);
+        let mut along_px: [f32; LANES] = std::array::from_fn(|lane| first_px + step_px * (lane as u8) as f32);
+        let (chunks, rest) = stretch.values.as_chunks::<LANES>();
+        for chunk in chunks {
+            self.add_lanes(chunk, LANES, &along_px, stretch.dv_px as f32);
+            along_px = along_px.map(|px| px + LANES as f32 * step_px);
+        }
+        if !rest.is_empty() {
+            let mut last = [0.0; LANES];
+            last.iter_mut().zip(rest).for_each(|(last, value)| *last = *value);
+            self.add_lanes(&last, rest.len(), &along_px, stretch.dv_px as f32);
         }
         self.rows += 1;
         if self.rows == ROWS {
@@ -269,17 +265,37 @@ impl Tally {
         }
     }
 
-    /// Adds where the pixels of a row lie.
+    /// Adds the first `count` of some pixels.
     #[inline(always)]
-    fn place(&mut self, FullRow { step, count, first_px, dv_px, .. }: &FullRow<'_>) {
-        let (n, step) = (*count as f64, *step as f64);
+    fn add_lanes(&mut self, values: &[f32; LANES], count: usize, along_px: &[f32; LANES], dv_px: f32) {
+        let level = self.full.level as f32;
+        let [code, code_u, code_v, code2] = &mut self.sums;
+        for lane in 0..LANES {
+            let counts = (lane as u32) < count as u32;
+            let away = values[lane] - level;
+            let d = if counts { away } else { 0.0 };
+            let (low, high) =
+                (if counts { away } else { f32::INFINITY }, if counts { away } else { f32::NEG_INFINITY });
+            self.lowest[lane] = if low < self.lowest[lane] { low } else { self.lowest[lane] };
+            self.highest[lane] = if high > self.highest[lane] { high } else { self.highest[lane] };
+            code[lane] += d;
+            code_u[lane] += d * along_px[lane];
+            code_v[lane] += d * dv_px;
+            code2[lane] += d * d;
+        }
+    }
+
+    /// Adds where pixels of a row lie.
+    #[inline(always)]
+    fn place(&mut self, Stretch { values, first_px, step_px: step, dv_px }: &Stretch<'_>) {
+        let n = values.len() as f64;
         // The places are evenly spaced about their middle: Σ(k − k̄)² = n (n² − 1)/12.
         let middle = first_px + 0.5 * step * (n - 1.0);
         let Full { count, place, places, .. } = &mut self.full;
         *count += n;
         place[0] += n * middle;
         place[1] += n * dv_px;
-        places[0] += n * (middle * middle + step * step * (n * n - 1.0) / 12.0);
+        places[0] += n * (middle * middle + step * step * (n * n - 1.0) * (1.0 / 12.0));
         places[1] += n * middle * dv_px;
         places[2] += n * dv_px * dv_px;
     }
@@ -303,25 +319,6 @@ impl Tally {
     }
 }
 
-/// Some codes of a row, from one on; what lies beyond its end is no matter.
-#[inline(always)]
-fn chunk(row: &FullRow<'_>, start: usize) -> [f32; LANES] {
-    let codes = row.codes.get(start * row.step..).unwrap_or_default();
-    let mut values = [0.0; LANES];
-    if let (2, Some(codes)) = (row.step, codes.first_chunk::<{ 2 * LANES }>()) {
-        for lane in 0..LANES {
-            values[lane] = f32::from(codes[2 * lane]);
-        }
-    } else if let (1, Some(codes)) = (row.step, codes.first_chunk::<LANES>()) {
-        for lane in 0..LANES {
-            values[lane] = f32::from(codes[lane]);
-        }
-    } else {
-        values.iter_mut().zip(codes.iter().step_by(row.step)).for_each(|(value, code)| *value = f32::from(*code));
-    }
-    values
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -342,7 +339,11 @@ mod tests {
 
     fn of(rows: &[FullRow<'_>]) -> Full {
         let mut tally = Tally::about(990.0);
-        rows.iter().for_each(|row| tally.add(row));
+        for FullRow { codes, step, first_px, dv_px, .. } in rows {
+            let values: Vec<f32> = codes.iter().step_by(*step).map(|code| f32::from(*code)).collect();
+            let step_px = *step as f64;
+            tally.add(&Stretch { values: &values, first_px: *first_px, step_px, dv_px: *dv_px });
+        }
         tally.finish()
     }
 

@@ -7,6 +7,7 @@ use crate::likelihood::coupling::Near;
 use crate::likelihood::joint::Joint;
 use crate::likelihood::light::{Light, Places};
 use crate::likelihood::outline::Outline;
+use crate::likelihood::pencil::length;
 use crate::likelihood::samples::{Rings, Samples, Share};
 use crate::likelihood::spot::Spot;
 use crate::quantile::median;
@@ -35,9 +36,8 @@ pub(crate) struct Glance {
 /// Growth is believed if it is this significant: χ² of two unknowns that chance exceeds once in 3000 times.
 const SIGNIFICANT_CHI2: f64 = 16.0;
 
-/// A change of the growth that moves a dot's light by so much wakes it, and the step that it then seems to have made.
+/// A change of the growth that moves a dot's light by so much wakes it.
 const FELT_PX: f64 = 0.003;
-const FELT_SIGMAS: f64 = 20.0;
 
 /// Finds how the light grows across every body in every band, with a closer look at those that are not explained if they
 /// are about in their places; whether it grows anywhere.
@@ -53,7 +53,7 @@ pub(crate) fn set_illumination(joint: &mut Joint<'_>, closely: bool, glance: &mu
             *own = ground.or(*own);
         }
         for (body, own) in joint.bodies.iter_mut().zip(&own) {
-            let Body { alive: true, bands, moved_sigmas, .. } = body else { continue };
+            let Body { alive: true, bands, stirred, .. } = body else { continue };
             let Some(light) = &mut bands[band] else { continue };
             let growth = field.as_ref().map(|field| field.at(light.spot.centre_px));
             let known = own.iter().copied().chain(growth).reduce(Growth::and);
@@ -62,8 +62,8 @@ pub(crate) fn set_illumination(joint: &mut Joint<'_>, closely: bool, glance: &mu
             let before_px = shift_px(&light.spot, light.illumination_slope);
             let after_px = shift_px(&light.spot, slope);
             light.illumination_slope = slope;
-            if (after_px[0] - before_px[0]).hypot(after_px[1] - before_px[1]) > FELT_PX {
-                *moved_sigmas = moved_sigmas.max(FELT_SIGMAS);
+            if length([after_px[0] - before_px[0], after_px[1] - before_px[1]]) > FELT_PX {
+                *stirred = true;
             }
         }
         glance.own = own;
@@ -93,7 +93,7 @@ pub(crate) fn bend(own: &mut Light, light: &BandLight, places: &Places, narrow: 
     const NARROW: f64 = 0.8;
     const FELT_PX: f64 = 0.05;
     let [du, dv] = shift_px(&light.spot, light.illumination_slope);
-    if du.hypot(dv) < FELT_PX {
+    if length([du, dv]) < FELT_PX {
         return;
     }
     narrow.fill(&light.spot.narrowed(NARROW), places);

@@ -41,7 +41,6 @@ pub(crate) struct Buffers {
     others: Vec<f32>,
     near: Vec<Near>,
     weights: Weights,
-    weighted: Vec<f32>,
     /// For the bands of one body after the other.
     pub(crate) neighbours: Neighbours,
     /// For every body.
@@ -94,15 +93,17 @@ pub(crate) struct Joint<'a> {
 impl Joint<'_> {
     /// Before the first round: images of all bodies, and no pixels read.
     pub(crate) fn begin(&mut self) {
-        let Buffers { samples, couplings, .. } = &mut *self.buffers;
+        let Buffers { samples, couplings, neighbours, .. } = &mut *self.buffers;
         samples.clear();
+        neighbours.clear();
         couplings.iter_mut().for_each(Vec::clear);
         if couplings.len() < self.bodies.len() {
             couplings.resize_with(self.bodies.len(), Vec::new);
         }
     }
 
-    /// One round of Gauss–Newton steps of all bodies that do not rest yet.
+    /// One round of Gauss–Newton steps of all bodies that do not rest yet; the images of those that go on moving are
+    /// brought up to date by [`Self::refresh_moving`].
     pub(crate) fn round(&mut self) {
         self.meet_neighbours();
         let mut moving = std::mem::take(&mut self.buffers.moving);
@@ -117,8 +118,9 @@ impl Joint<'_> {
         for index in &moving {
             let body = &mut self.bodies[*index as usize];
             body.advance();
-            let softening_px = body.softening_px();
-            self.refresh(*index as usize, softening_px);
+            if body.rests() {
+                self.refresh(*index as usize, 0.0);
+            }
         }
         self.buffers.moving = moving;
     }
@@ -194,7 +196,8 @@ impl Joint<'_> {
         }
         let body = &mut self.bodies[index];
         let windows = body.bands.iter().flatten().filter_map(|light| light.window.as_ref());
-        body.seen = windows.map(|window| window.share(body.share)).min().unwrap_or(body.share);
+        let share = body.share();
+        body.seen = windows.map(|window| window.share(share)).min().unwrap_or(share);
         body.masked = mask_foreign;
         for band in 0..self.bands.len() {
             self.measure_band(index, band, mask_foreign);
@@ -242,9 +245,8 @@ impl Joint<'_> {
         let Some(light) = &body.bands[band] else { return };
         let Some(window) = &light.window else { return };
         let view = &bands[band];
-        let Buffers {
-            samples, places, codes, own, narrow, others, near, weights, weighted, neighbours, couplings, ..
-        } = &mut **buffers;
+        let Buffers { samples, places, codes, own, narrow, others, near, weights, neighbours, couplings, .. } =
+            &mut **buffers;
         samples.about(window, body.seen, light.spot.centre_px, places, codes);
         let near_lights = || {
             neighbours.of(index * bands.len() + band).iter().filter_map(|neighbour| {
@@ -270,7 +272,7 @@ impl Joint<'_> {
         let saturated = f32::from(view.plane.code_max);
         let judge = Judge::new(view.black, saturated, limit);
         weights.compare(codes, places, own, others, &levels, &judge);
-        let mut normal = Normal::of(own, places, light.contrast, weights, weighted);
+        let mut normal = Normal::of(own, places, light.contrast, weights);
         let [offset_u, offset_v] = window.offset_px(light.spot.centre_px);
         let growth = light.illumination_slope;
         let lit = 1.0 - growth[0] * offset_u - growth[1] * offset_v;

@@ -1,13 +1,14 @@
 //! Dots whose places are given: which way the pixels would have their images moved.
 
+use std::f64::consts::PI;
+
 use nalgebra::{Matrix4, Vector4};
 use smallvec::SmallVec;
 use twinpupil_instrument::PlaneView;
 
 use crate::likelihood::body::{BandLight, Body};
 use crate::likelihood::joint::{BandView, Joint};
-use crate::likelihood::refine::{ForwardModel, Workspace};
-use crate::likelihood::samples::Share;
+use crate::likelihood::refine::{ForwardModel, Sketch, Workspace};
 use crate::likelihood::spot::Dot;
 use crate::noise::Noise;
 
@@ -91,13 +92,12 @@ fn body(dot: Dot, lights: &[Option<KnownLight>], views: &[BandView<'_>]) -> Body
     let mut body = Body::new(dot, None, false);
     body.pinned = true;
     body.is_lit = lights.iter().flatten().all(|light| light.is_fitted);
-    if body.is_lit {
-        body.share = Share::All;
-    }
     body.bands.extend(views.iter().zip(lights).map(|(view, light)| {
         let KnownLight { contrast_codes, ground_codes, .. } = (*light)?;
         let background = ground_codes - view.black.noise().black_level;
-        Some(BandLight::new(contrast_codes, background, view.spot(&dot)))
+        let (spot, jacobian) = view.spot(&dot);
+        let sketch = Sketch { contrast: contrast_codes, area_px: PI * spot.radius_px * spot.radius_px };
+        Some(BandLight::new(sketch, background, (spot, jacobian)))
     }));
     body
 }

@@ -1,10 +1,9 @@
 //! Normal equations of weighted least squares.
 
-use std::ops::Range;
-
 use multiversion::multiversion;
 use nalgebra::{Matrix2, Matrix4, Matrix4x2, Matrix6, Vector2, Vector4, Vector6};
 
+use crate::likelihood::chords::padded;
 use crate::likelihood::full::FullSums;
 use crate::likelihood::light::{Light, Places};
 use crate::likelihood::weigh::Weights;
@@ -42,17 +41,10 @@ impl Default for Normal {
 
 impl Normal {
     /// Of pixels that see a spot of some contrast.
-    pub(crate) fn of(
-        light: &Light,
-        places: &Places,
-        contrast: f64,
-        weights: &Weights,
-        weighted: &mut Vec<f32>,
-    ) -> Self {
+    pub(crate) fn of(light: &Light, places: &Places, contrast: f64, weights: &Weights) -> Self {
         let count = weights.weight.len();
-        weighted.resize(BLOCK, 0.0);
         let mut sums = Sums::default();
-        sums.fill(light, places.edge, weights, weighted);
+        sums.fill(light, places.edge, weights);
         let scales = [contrast, contrast, contrast, contrast, 1.0, 1.0];
         let information = |i: usize, k: usize| sums.products[i.min(k)][i.max(k)] * scales[i] * scales[k];
         Self {
@@ -131,75 +123,133 @@ struct Sums {
 
 impl Sums {
     /// The first `edge` pixels feel all unknowns, the others contrast and background alone.
-    fn fill(&mut self, light: &Light, edge: usize, weights: &Weights, weighted: &mut [f32]) {
+    fn fill(&mut self, light: &Light, edge: usize, weights: &Weights) {
         let Light { light, with_u, with_v, with_radius, with_blur, open, .. } = light;
-        let columns: [&[f32]; UNKNOWNS] = [with_u, with_v, with_radius, with_blur, light, open];
+        let columns = [with_u, with_v, with_radius, with_blur, light, open];
         let count = weights.weight.len();
-        let blocks = |range: Range<usize>| {
-            let end = range.end;
-            range.step_by(BLOCK).map(move |start| start..(start + BLOCK).min(end))
-        };
-        for block in blocks(0..edge) {
-            let (weight, residual) = (&weights.weight[block.clone()], &weights.residual[block.clone()]);
-            let columns = columns.map(|column| &column[block.clone()]);
-            add_products(columns, weight, residual, &mut weighted[..block.len()], 0, self);
+        let ranges = [(0..edge, true), (edge..count, false)];
+        for (range, feels_edge) in ranges.into_iter().filter(|(range, _)| !range.is_empty()) {
+            let mut products = Products::default();
+            for start in range.clone().step_by(BLOCK) {
+                let block = start..(start + BLOCK).min(range.end);
+                let [weight, residual] = [&weights.weight, &weights.residual].map(|values| &values[block.clone()]);
+                multiply(columns.map(|column| &column[block.clone()]), weight, residual, feels_edge, &mut products);
+                self.used += used(weight);
+            }
+            let rest = range.end - range.len() % PAIR..range.end;
+            let [weight, residual] =
+                [&weights.weight, &weights.residual].map(|values| padded_pair(&values[rest.clone()]));
+            let columns = columns.map(|column| padded_pair(&column[rest.clone()]));
+            multiply(columns.each_ref().map(|column| &column[..]), &weight, &residual, feels_edge, &mut products);
+            self.add(&products);
         }
-        for block in blocks(edge..count) {
-            let (weight, residual) = (&weights.weight[block.clone()], &weights.residual[block.clone()]);
-            let columns = [&light[block.clone()], &open[block.clone()]];
-            add_products(columns, weight, residual, &mut weighted[..block.len()], 4, self);
+    }
+
+    /// Adds products in lanes.
+    #[inline(never)]
+    fn add(&mut self, Products { u, v, radius, blur, light, open, chi2 }: &Products) {
+        let rows: [&[Lanes]; UNKNOWNS] = [u, v, radius, blur, light, open];
+        for (i, row) in rows.into_iter().enumerate() {
+            let [with_columns @ .., with_residual] = row else { continue };
+            self.products[i][i..].iter_mut().zip(with_columns).for_each(|(sum, lanes)| *sum += total(lanes));
+            self.score[i] += total(with_residual);
         }
+        self.chi2 += total(&chi2[0]);
     }
 }
 
 /// Pixels whose derivatives are near at hand.
 const BLOCK: usize = 512;
 
-#[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
-fn add_products<const N: usize>(
-    columns: [&[f32]; N],
+/// Sums side by side.
+const LANES: usize = 8;
+type Lanes = [f32; LANES];
+
+/// Pixels that are looked at together.
+const PAIR: usize = 2 * LANES;
+
+/// Sums of the products of every column with those from it on, and with the residuals; and of their squares.
+#[derive(Default)]
+struct Products {
+    u: [Lanes; 7],
+    v: [Lanes; 6],
+    radius: [Lanes; 5],
+    blur: [Lanes; 4],
+    light: [Lanes; 3],
+    open: [Lanes; 2],
+    chi2: [Lanes; 1],
+}
+
+fn padded_pair(rest: &[f32]) -> [f32; PAIR] {
+    padded(rest)
+}
+
+fn total([a, b, c, d, e, f, g, h]: &Lanes) -> f64 {
+    f64::from(((a + e) + (c + g)) + ((b + f) + (d + h)))
+}
+
+/// Pixels that count.
+#[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
+fn used(weight: &[f32]) -> usize {
+    weight.iter().map(|weight| u32::from(*weight > 0.0)).sum::<u32>() as usize
+}
+
+/// Adds the products of all columns, or of those of light and open share.
+#[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
+fn multiply(
+    [u, v, radius, blur, light, open]: [&[f32]; UNKNOWNS],
     weight: &[f32],
     residual: &[f32],
-    weighted: &mut [f32],
-    first: usize,
-    sums: &mut Sums,
+    all: bool,
+    products: &mut Products,
 ) {
-    for (i, column) in columns.into_iter().enumerate() {
-        scale(weighted, weight, column);
-        for (product, column) in sums.products[first + i][first..].iter_mut().zip(&columns).skip(i) {
-            *product += sum(weighted, column);
-        }
-        sums.score[first + i] += sum(weighted, residual);
+    if all {
+        add(weight, u, [u, v, radius, blur, light, open, residual], &mut products.u);
+        add(weight, v, [v, radius, blur, light, open, residual], &mut products.v);
+        add(weight, radius, [radius, blur, light, open, residual], &mut products.radius);
+        add(weight, blur, [blur, light, open, residual], &mut products.blur);
     }
-    scale(weighted, weight, residual);
-    sums.chi2 += sum(weighted, residual);
-    sums.used += weight.iter().map(|weight| u32::from(*weight > 0.0)).sum::<u32>() as usize;
+    add(weight, light, [light, open, residual], &mut products.light);
+    add(weight, open, [open, residual], &mut products.open);
+    add(weight, residual, [residual], &mut products.chi2);
 }
 
+/// Adds the weighted products of a column with others, for whole pairs of lanes.
 #[inline(always)]
-fn scale(out: &mut [f32], a: &[f32], b: &[f32]) {
-    for (out, (a, b)) in out.iter_mut().zip(a.iter().zip(b)) {
-        *out = a * b;
-    }
-}
-
-/// Sum of products, in lanes that vectorise.
-#[inline(always)]
-fn sum(a: &[f32], b: &[f32]) -> f64 {
-    const LANES: usize = 16;
-    let mut lanes = [0.0_f32; LANES];
-    let (a_chunks, b_chunks) = (a.chunks_exact(LANES), b.chunks_exact(LANES));
-    let rest: f32 = a_chunks.remainder().iter().zip(b_chunks.remainder()).map(|(a, b)| a * b).sum();
-    for (a, b) in a_chunks.zip(b_chunks) {
-        for lane in 0..LANES {
-            lanes[lane] += a[lane] * b[lane];
+fn add<const N: usize>(weight: &[f32], column: &[f32], others: [&[f32]; N], sums: &mut [Lanes; N]) {
+    let count = weight.len() / PAIR;
+    let [weights, columns] = [weight, column].map(|values| &values.as_chunks::<PAIR>().0[..count]);
+    let chunks = others.map(|other| &other.as_chunks::<PAIR>().0[..count]);
+    // Sums of their own stay in registers, as long as they are not added up here.
+    let mut own = *sums;
+    for chunk in 0..count {
+        for half in 0..2 {
+            let mut weighted = [0.0; LANES];
+            for lane in 0..LANES {
+                weighted[lane] = weights[chunk][LANES * half + lane] * columns[chunk][LANES * half + lane];
+            }
+            for k in 0..N {
+                for lane in 0..LANES {
+                    own[k][lane] += weighted[lane] * chunks[k][chunk][LANES * half + lane];
+                }
+            }
         }
     }
-    f64::from(lanes.iter().sum::<f32>() + rest)
+    *sums = own;
 }
 
-/// [`sum`], for the callers that sum few.
-#[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
-pub(crate) fn dot(a: &[f32], b: &[f32]) -> f64 {
-    sum(a, b)
+/// Weighted sums of the products of a spot's column with those of a neighbour.
+pub(crate) fn products_with(others: [&[f32]; 5], weight: &[f32], column: &[f32]) -> [f64; 5] {
+    let mut sums = [Lanes::default(); 5];
+    multiply_with(others, weight, column, &mut sums);
+    let rest = weight.len() - weight.len() % PAIR..;
+    let others = others.map(|other| padded_pair(&other[rest.clone()]));
+    let [weight, column] = [weight, column].map(|values| padded_pair(&values[rest.clone()]));
+    multiply_with(others.each_ref().map(|other| &other[..]), &weight, &column, &mut sums);
+    sums.map(|lanes| total(&lanes))
+}
+
+#[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
+fn multiply_with(others: [&[f32]; 5], weight: &[f32], column: &[f32], sums: &mut [Lanes; 5]) {
+    add(weight, column, others, sums);
 }

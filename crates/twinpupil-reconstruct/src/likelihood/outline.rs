@@ -1,5 +1,6 @@
 //! The outline of a spot, and how far from it its edge is felt.
 
+use crate::likelihood::pencil::length;
 use crate::likelihood::spot::{Matrix2, PIXEL_REACH_PX, Spot};
 
 /// An ellipse about a spot's outline: pixels well within it see nothing but the dot, those well beyond it none of it.
@@ -27,15 +28,14 @@ pub(crate) enum Side {
 /// A side of the edge as rows cross it: at v below the centre it lies about `−lean v`, `√(size² − narrowing v²)` wide.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Curve {
-    lean: f64,
-    size2: f64,
-    narrowing: f64,
+    pub(crate) lean: f64,
+    pub(crate) size2: f64,
+    pub(crate) narrowing: f64,
 }
 
 impl Outline {
     /// Of a spot, none of whose ways through the masks matters.
     pub(crate) fn of(spot: &Spot) -> Self {
-        let [growth_u, growth_v] = spot.blur_gradient();
         let [[a, b], [c, d]] = spot.inverse;
         let scale = |matrix: Matrix2, by: f64| matrix.map(|row| row.map(|value| by * value));
         // The longer half axis of the inverse is one over the shorter of the outline.
@@ -46,7 +46,7 @@ impl Outline {
             axes_px: scale(spot.shape, spot.radius_px),
             per_px: scale(spot.inverse, 1.0 / spot.radius_px),
             shorter_px: spot.radius_px / steepest.max(1e-12),
-            reach_px: spot.blur_px_max() * (1.0 + growth_u.hypot(growth_v)) + PIXEL_REACH_PX,
+            reach_px: spot.blur_px_max() * (1.0 + length(spot.blur_gradient())) + PIXEL_REACH_PX,
         }
     }
 
@@ -80,7 +80,7 @@ impl Outline {
         let [[a, b], [c, d]] = product(&later.per_px, &self.axes_px);
         let moved = [0, 1].map(|axis| self.centre_px[axis] - later.centre_px[axis]);
         let moved = later.per_px.map(|[x, y]| x * moved[0] + y * moved[1]);
-        let moved = moved[0].hypot(moved[1]);
+        let moved = length(moved);
         let (squares, area) = (a * a + b * b + c * c + d * d, (a * d - b * c).abs());
         let (sum, difference) = ((squares + 2.0 * area).sqrt(), (squares - 2.0 * area).max(0.0).sqrt());
         let (longer, shorter) = (0.5 * (sum + difference), 0.5 * (sum - difference));
@@ -91,11 +91,9 @@ impl Outline {
 }
 
 impl Curve {
-    /// Where a row crosses it, px from the centre; nothing lies between the two places of a row that does not.
-    #[inline(always)]
-    pub(crate) fn crossings_px(&self, dv_px: f64) -> [f64; 2] {
-        let half = (self.size2 - self.narrowing * dv_px * dv_px).max(0.0).sqrt();
-        [-half, half].map(|half| half - self.lean * dv_px)
+    /// A circle about the centre.
+    pub(crate) fn circle(radius_px: f64) -> Self {
+        Self { lean: 0.0, size2: radius_px * radius_px, narrowing: 1.0 }
     }
 }
 
@@ -130,8 +128,8 @@ mod tests {
             light.fill(&spot, &places);
             for (index, (dv, du)) in span().flat_map(|dv| span().map(move |du| (dv, du))).enumerate() {
                 let [is_inner, is_outer] = sides.map(|side| {
-                    let [low, high] = side.crossings_px(dv);
-                    low < du && du < high
+                    let half2 = side.size2 - side.narrowing * dv * dv;
+                    (du + side.lean * dv).powi(2) < half2
                 });
                 let off = if is_inner { 1.0 - light.light[index] } else { light.light[index] };
                 assert!(is_inner != is_outer || off.abs() < 1e-4, "{z_mm} {slopes:?} at {du} {dv}: {off}");

@@ -17,6 +17,11 @@ use twinpupil_instrument::{Band, Instrument, Projection};
 /// A vector in a plane across the axis.
 pub(crate) type Vector2 = [f64; 2];
 
+/// Length of a vector, far from the ends of what numbers can hold.
+pub(crate) fn length([x, y]: Vector2) -> f64 {
+    (x * x + y * y).sqrt()
+}
+
 /// One band's pupil and the other masks in its way.
 #[derive(Debug, Clone)]
 pub(crate) struct Pencil {

@@ -14,7 +14,7 @@
 
 use multiversion::multiversion;
 
-use crate::likelihood::chords::LANES;
+use crate::likelihood::chords::{LANES, Lanes, padded};
 use crate::likelihood::light::{Light, Local, Places, SHARP_PX};
 use crate::likelihood::soft::Overlap;
 use crate::likelihood::spot::{PIXEL_REACH_PX, Spot};
@@ -138,20 +138,34 @@ fn refine([light, with_t, with_blur, turned]: &Columns, step_px: f32, rows: &mut
 
 #[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
 fn look_up(profile: &Profile, local: &Local, places: &Places, out: &mut Light) {
-    // Added to a number below it, it leaves the nearest whole number in the last bits.
-    const WHOLE: f32 = 8_388_608.0;
-    let Profile { start_px, rows_per_px, blur_px, ref rows } = *profile;
-    let (radius_px, per_radius) = (local.radius_px, 1.0 / local.radius_px);
-    let [[xx, xy], [yx, yy]] = local.inverse;
-    let (square_u, square_v, product) = (xx * xx + yx * yx - 1.0, xy * xy + yy * yy - 1.0, 2.0 * (xx * xy + yx * yy));
-    let mean = 0.5 * (square_u + square_v);
-    let sign = 1.0_f32.copysign(local.blur_px);
-    for start in (0..places.edge).step_by(LANES) {
-        let samples = start..(start + LANES).min(places.edge);
-        let count = samples.len();
-        let (mut du, mut dv) = ([0.0; LANES], [0.0; LANES]);
-        du[..count].copy_from_slice(&places.du[samples.clone()]);
-        dv[..count].copy_from_slice(&places.dv[samples.clone()]);
+    let count = places.edge;
+    let Light { light, with_u, with_v, with_radius, with_blur, .. } = out;
+    let [(du, last_du), (dv, last_dv)] = [&places.du, &places.dv].map(|px| px[..count].as_chunks::<LANES>());
+    let columns = [light, with_u, with_v, with_radius, with_blur].map(|column| column[..count].as_chunks_mut());
+    let [(light, last_light), (with_u, last_u), (with_v, last_v), (with_radius, last_radius), (with_blur, last_blur)] =
+        columns;
+    for (chunk, (du, dv)) in du.iter().zip(dv).enumerate() {
+        let seen = profile.look_up_lanes(local, du, dv);
+        [light[chunk], with_u[chunk], with_v[chunk], with_radius[chunk], with_blur[chunk]] = seen;
+    }
+    let seen = profile.look_up_lanes(local, &padded(last_du), &padded(last_dv));
+    for (column, seen) in [last_light, last_u, last_v, last_radius, last_blur].into_iter().zip(&seen) {
+        column.iter_mut().zip(seen).for_each(|(value, seen)| *value = *seen);
+    }
+}
+
+impl Profile {
+    /// Light and its changes with u, v, radius and blur at places side by side.
+    #[inline(always)]
+    fn look_up_lanes(&self, local: &Local, du: &Lanes, dv: &Lanes) -> [Lanes; 5] {
+        // Added to a number below it, it leaves the nearest whole number in the last bits.
+        const WHOLE: f32 = 8_388_608.0;
+        let Self { start_px, rows_per_px, blur_px, ref rows } = *self;
+        let (radius_px, per_radius) = (local.radius_px, 1.0 / local.radius_px);
+        let [[xx, xy], [yx, yy]] = local.inverse;
+        let (square_u, square_v) = (xx * xx + yx * yx - 1.0, xy * xy + yy * yy - 1.0);
+        let (mean, product) = (0.5 * (square_u + square_v), 2.0 * (xx * xy + yx * yy));
+        let sign = 1.0_f32.copysign(local.blur_px);
         let [mut out_px, mut wider_px, mut normal_u, mut normal_v] = [[0.0; LANES]; 4];
         let (mut row, mut shares) = ([0; LANES], [Row::default(); LANES]);
         for lane in 0..LANES {
@@ -192,11 +206,7 @@ fn look_up(profile: &Profile, local: &Local, places: &Places, out: &mut Light) {
             with_radius[lane] = -(out_px[lane] * with_t + blur_px * with_b) * per_radius;
             with_blur[lane] = with_b * sign;
         }
-        out.light[samples.clone()].copy_from_slice(&light[..count]);
-        out.with_u[samples.clone()].copy_from_slice(&with_u[..count]);
-        out.with_v[samples.clone()].copy_from_slice(&with_v[..count]);
-        out.with_radius[samples.clone()].copy_from_slice(&with_radius[..count]);
-        out.with_blur[samples].copy_from_slice(&with_blur[..count]);
+        [light, with_u, with_v, with_radius, with_blur]
     }
 }
 

@@ -14,7 +14,7 @@ use crate::likelihood::pencil::Pencil;
 use crate::likelihood::spot::{Dot, Raster};
 use crate::noise::Noise;
 use crate::quantile::median;
-use crate::slope::{NEIGHBOURS, NEIGHBOURS_ROUGH, Slopes};
+use crate::slope::Slopes;
 
 /// An instrument's forward model, ready to be compared with pixels.
 #[derive(Debug, Clone)]
@@ -38,14 +38,23 @@ struct BandModel {
 pub(crate) struct Seed {
     pub(crate) centre_mm: [f64; 3],
     pub(crate) diameter_mm: f64,
-    /// Contrast in every band that shows it, codes.
-    pub(crate) contrast: SmallVec<[Option<f64>; 2]>,
+    /// What every band shows of it.
+    pub(crate) sketches: SmallVec<[Option<Sketch>; 2]>,
     /// Whether its bands together tell its depth.
     pub(crate) placed: bool,
     /// Whether its place may be off by more than the width of an edge.
     pub(crate) doubtful: bool,
     /// Whether the largest code hides how bright it is.
     pub(crate) saturated: bool,
+}
+
+/// A dot in one band.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Sketch {
+    /// Codes.
+    pub(crate) contrast: f64,
+    /// Area above half of that, px².
+    pub(crate) area_px: f64,
 }
 
 /// A dot as its pixels know it.
@@ -100,9 +109,8 @@ impl Refined {
 /// Depth of a dot that only one band shows is about that of the others, mm.
 const LONE_Z_STD_MM: f64 = 30.0;
 
-/// A change of slope that moves a dot's edge by so much is felt, px; the step after which the dot is looked at again.
+/// A change of slope that moves a dot's edge by so much is felt, px.
 const SLOPE_FELT_PX: f64 = 0.012;
-const SLOPE_SIGMAS: f64 = 20.0;
 
 /// A dot whose χ² a pixel is below the first, or below so many times that of the typical dot, is where its surface is.
 const SETTLED_CHI2: f64 = 2.5;
@@ -128,9 +136,8 @@ pub(crate) struct Workspace {
 const LIGHT_ROUNDS: [usize; 2] = [1, 2];
 const LIGHT_ROUNDS_UNEVEN: [usize; 3] = [3, 4, 6];
 
-/// Rounds before which positions are rough; of so many dots each is too small to feel its slope so soon.
-const ROUGH_ROUNDS: usize = 3;
-const CROWD: usize = 400;
+/// Times that it is found again when all dots rest.
+const LAST_LOOKS: usize = 2;
 
 impl ForwardModel {
     /// The model of the bands of an instrument with these indices.
@@ -206,15 +213,20 @@ impl ForwardModel {
         bodies.extend(seeds.iter().map(|seed| body(seed, views, background)));
         let mut joint = Joint { bands: views, bodies, buffers };
         joint.begin();
-        let mut is_uneven = false;
+        slopes.lay_through(joint.bodies.iter().filter(|body| body.tells_depth()).map(|body| body.dot.centre_mm));
+        slopes.get_to_know();
+        let (mut is_uneven, mut last_looks) = (false, 0);
         for round in 0..ROUNDS {
-            let is_rough = round < ROUGH_ROUNDS && joint.bodies.len() < CROWD;
-            let neighbours = if is_rough { NEIGHBOURS_ROUGH } else { NEIGHBOURS };
-            lay_surface(joint.bodies, neighbours, slopes, chi2s);
+            renew_surface(joint.bodies, slopes, chi2s);
             set_slopes(joint.bodies, slopes, |body| !body.rests());
             if joint.bodies.iter().all(Body::rests) {
                 // Those that came to rest first may stand on a surface that is known better by now.
                 set_slopes(joint.bodies, slopes, |_| true);
+                // And their light may grow as nobody could tell before.
+                if (is_uneven || round < LIGHT_ROUNDS[1]) && last_looks < LAST_LOOKS {
+                    is_uneven = set_illumination(&mut joint, true, glance);
+                    last_looks += 1;
+                }
                 if joint.bodies.iter().all(Body::rests) {
                     break;
                 }
@@ -225,6 +237,7 @@ impl ForwardModel {
             joint.refresh_moving();
             joint.round();
         }
+        joint.refresh_moving();
         refined.clear();
         refined
             .extend((0..seeds.len()).map(|index| self::refined(joint.bodies, &joint.buffers.couplings, index, patch)));
@@ -247,26 +260,28 @@ fn body(seed: &Seed, views: &[BandView<'_>], background: &[f64]) -> Body {
     let z_prior_mm = (!seed.placed).then_some((seed.centre_mm[2], LONE_Z_STD_MM));
     let mut body = Body::new(dot, z_prior_mm, seed.doubtful);
     body.saturated = seed.saturated;
-    let lights = views.iter().zip(&seed.contrast).zip(background);
+    let lights = views.iter().zip(&seed.sketches).zip(background);
     body.bands.extend(
-        lights.map(|((view, contrast), ground)| {
-            contrast.map(|contrast| BandLight::new(contrast, *ground, view.spot(&dot)))
-        }),
+        lights.map(|((view, sketch), ground)| sketch.map(|sketch| BandLight::new(sketch, *ground, view.spot(&dot)))),
     );
     body
 }
 
 /// Lays the surface through the placed dots that are where it is.
-fn lay_surface(bodies: &[Body], neighbours: usize, slopes: &mut Slopes, chi2s: &mut Vec<f64>) {
+fn renew_surface(bodies: &[Body], slopes: &mut Slopes, chi2s: &mut Vec<f64>) {
     let settled_chi2 = SETTLED_CHI2.max(SETTLED_SHARE * median_chi2(bodies, chi2s));
-    let is_settled = |body: &&Body| body.is_placed() && (body.rounds == 0 || body.explains(settled_chi2));
-    slopes.lay_through(bodies.iter().filter(is_settled).map(|body| body.dot.centre_mm), neighbours);
+    let is_settled = |body: &Body| body.alive && (body.rounds == 0 || body.explains(settled_chi2));
+    let placed = bodies.iter().filter(|body| body.tells_depth());
+    slopes.renew(placed.map(|body| (body.dot.centre_mm, is_settled(body))));
 }
 
 /// Gives placed dots the slopes of the surface.
-fn set_slopes(bodies: &mut [Body], slopes: &mut Slopes, is_asked: impl Fn(&Body) -> bool) {
-    for body in bodies.iter_mut().filter(|body| body.is_placed() && is_asked(body)) {
-        if let Some(slopes) = slopes.at(body.dot.centre_mm) {
+fn set_slopes(bodies: &mut [Body], slopes: &Slopes, is_asked: impl Fn(&Body) -> bool) {
+    for (index, body) in bodies.iter_mut().filter(|body| body.tells_depth()).enumerate() {
+        if body.alive
+            && is_asked(body)
+            && let Some(slopes) = slopes.at_known(index)
+        {
             lean(body, slopes);
         }
     }
@@ -275,18 +290,15 @@ fn set_slopes(bodies: &mut [Body], slopes: &mut Slopes, is_asked: impl Fn(&Body)
 /// Gives a dot the slopes of its surface; one that rests and would not feel it keeps those that it has.
 fn lean(body: &mut Body, slopes: [f64; 2]) {
     let before = body.dot.slopes;
-    let felt =
-        body.bands.iter().flatten().any(|light| edge_shift_px(light.spot.radius_px, before, slopes) > SLOPE_FELT_PX);
+    let shift_px = |light: &BandLight| edge_shift_px(light.spot.radius_px, before, slopes);
+    let felt = body.bands.iter().flatten().any(|light| shift_px(light) > SLOPE_FELT_PX);
     if body.rests() && !felt {
         return;
     }
-    if felt {
-        body.moved_sigmas = body.moved_sigmas.max(SLOPE_SIGMAS);
-    }
-    body.dot.slopes = slopes;
-    // The area of its foreshortened image is what is known of its size.
-    let stretch = |[sx, sy]: [f64; 2]| 1.0 + sx * sx + sy * sy;
-    body.dot.diameter_mm *= (stretch(slopes) / stretch(before)).powf(0.25);
+    body.stirred |= felt;
+    let shares = body.bands.iter().flatten().map(|light| shift_px(light) / light.spot.edge_px());
+    body.leant = shares.fold(0.0, f64::max);
+    body.lean(slopes);
 }
 
 /// How far the outline of a disc moves when it leans otherwise, px: by the change of the cosine of its tilt; the blur and
@@ -296,7 +308,7 @@ fn edge_shift_px(radius_px: f64, before: [f64; 2], after: [f64; 2]) -> f64 {
     let middle = [0, 1].map(|axis| 0.5 * (before[axis] + after[axis]));
     let square = middle[0] * middle[0] + middle[1] * middle[1];
     let change = ((after[0] - before[0]).powi(2) + (after[1] - before[1]).powi(2)).sqrt();
-    radius_px * change * (square.sqrt() / (1.0 + square).powf(1.5)).max(ACROSS)
+    radius_px * change * (square.sqrt() / ((1.0 + square) * (1.0 + square).sqrt())).max(ACROSS)
 }
 
 /// The typical dot's χ² a pixel.

@@ -1,21 +1,24 @@
 //! The pixels of a plane about its spots, read once.
 
-use std::hint::black_box;
-
 use multiversion::multiversion;
 use twinpupil_instrument::PlaneView;
 
-use crate::likelihood::full::{Full, FullRow, Tally};
+use crate::fetch::fetch;
+use crate::likelihood::full::{Full, FullRow, Stretch, Tally};
 use crate::likelihood::light::Places;
 use crate::likelihood::outline::{Curve, Outline, Side};
+use crate::likelihood::pencil::length;
 use crate::likelihood::spot::Spot;
 use crate::noise::Noise;
+use crate::scout::light::read_every;
 
 /// Pixels about all spots of a frame, one window after the other.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Samples {
     /// Those that feel an edge, those that see nothing but a dot, and those that see none of it.
     zones: [Zone; ZONES],
+    /// The row that is read.
+    line: Vec<f32>,
 }
 
 /// The first `count` pixels, and their places about the centres of their windows; the rest is room for more.
@@ -63,6 +66,9 @@ pub(crate) struct Window {
     pub(crate) ground: Full,
 }
 
+/// Pixels side by side.
+const LANES: usize = 8;
+
 /// Every which row is of the quarter.
 const QUARTER: usize = 4;
 
@@ -76,7 +82,7 @@ impl Window {
     /// Whether it still serves a spot with these rings, whose light reaches `reach_px`.
     pub(crate) fn serves(&self, rings: &Rings, reach_px: f64) -> bool {
         let [du, dv] = self.offset_px(rings.outline.centre_px);
-        let (moved_px, window_px) = (du.hypot(dv), self.rings.window_px);
+        let (moved_px, window_px) = (length([du, dv]), self.rings.window_px);
         let is_even = |sums: &Full, within_px: f64| sums.count() == 0.0 || moved_px + within_px <= rings.even_px;
         is_even(&self.full, window_px.min(self.rings.even_px))
             && is_even(&self.ground, window_px)
@@ -87,7 +93,7 @@ impl Window {
     /// Whether the light of another spot falls into it.
     pub(crate) fn is_reached(&self, other: &Spot) -> bool {
         let [du, dv] = self.offset_px(other.centre_px);
-        du.hypot(dv) < self.rings.window_px + other.reach_px()
+        length([du, dv]) < self.rings.window_px + other.reach_px()
     }
 
     /// The smallest share of it that tells something: small windows are not shared.
@@ -109,7 +115,9 @@ impl Samples {
     /// Reads the pixels of a plane within the rings.
     pub(crate) fn read(&mut self, plane: &PlaneView<'_>, noise: &Noise, rings: &Rings) -> Window {
         let rings = Rings { outline: rings.outline.widened(SLACK_PX), even_px: rings.even_px - SLACK_PX, ..*rings };
-        fetch(plane, &rings);
+        let ([u_px, v_px], window_px) = (rings.outline.centre_px, rings.window_px);
+        let Span { first, end } = columns(plane, u_px, [-window_px, window_px]);
+        fetch(plane, rows(plane, v_px, window_px), first..end);
         let mut window = self.read_zones(plane, &rings, rings.even_px >= rings.window_px);
         if !window.ground.is_even(noise, plane.code_max) {
             // Something lies on the ground: pixel by pixel it can be left out.
@@ -120,7 +128,7 @@ impl Samples {
             let curves = Curves::of(&rings);
             let inside = rows(plane, rings.outline.centre_px[1], rings.window_px)
                 .map(|row| curves.row(plane, row))
-                .map(|row| row.stretch(plane, row.even))
+                .map(|row| row.full(plane))
                 .filter(|row| row.count > 0);
             window.full = window.full.without_foreign(noise, plane.code_max, inside);
         }
@@ -131,22 +139,18 @@ impl Samples {
         let rows = rows(plane, rings.outline.centre_px[1], rings.window_px);
         let area = rows.len() * (2.0 * rings.window_px / plane.step_px as f64) as usize;
         let every = if area < SAMPLES_FEW { 1 } else { QUARTER };
-        let first = self.counts();
+        let first = counts(&self.zones);
         let curves = Curves::of(rings);
         let mut tallies = rings.levels.map(Tally::about);
-        let mut read = |row: usize, zones: &mut [Zone; ZONES]| {
-            read_row(plane, &curves.row(plane, row), sums_ground, zones, &mut tallies);
-        };
-        rows.clone().step_by(every).for_each(|row| read(row, &mut self.zones));
-        let quarter = self.counts();
-        rows.enumerate().filter(|(place, _)| place % every != 0).for_each(|(_, row)| read(row, &mut self.zones));
+        let Self { zones, line } = self;
+        let first_row = rows.start;
+        let is_of_quarter = |row: &usize| (row - first_row).is_multiple_of(every);
+        read_rows(plane, &curves, rows.clone().step_by(every), sums_ground, line, zones, &mut tallies);
+        let quarter = counts(zones);
+        let others = rows.filter(|row| !is_of_quarter(row));
+        read_rows(plane, &curves, others, sums_ground, line, zones, &mut tallies);
         let [full, ground] = tallies.map(Tally::finish);
-        Window { rings: *rings, first, ends: [quarter, self.counts()], full, ground }
-    }
-
-    /// Samples in every zone.
-    fn counts(&self) -> [usize; ZONES] {
-        [0, 1, 2].map(|zone: usize| self.zones[zone].count)
+        Window { rings: *rings, first, ends: [quarter, counts(zones)], full, ground }
     }
 
     /// The samples of a window, zone by zone: their codes, and their places about a centre.
@@ -175,77 +179,104 @@ impl Samples {
     }
 }
 
+/// Samples in every zone.
+fn counts(zones: &[Zone; ZONES]) -> [usize; ZONES] {
+    zones.each_ref().map(|zone| zone.count)
+}
+
 impl Zone {
     /// Adds pixels of a row.
     #[inline(always)]
-    fn read(&mut self, plane: &PlaneView<'_>, row: &Row, span: Span) {
-        if span.len() == 0 {
+    fn add(&mut self, stretch: &Stretch<'_>) {
+        if stretch.values.is_empty() {
             return;
         }
-        let Self { count, du, dv, codes } = self;
-        let (start, end) = (*count, *count + span.len());
-        if codes.len() < end {
-            for values in [&mut *du, dv, codes] {
-                values.resize(2 * end, 0.0);
-            }
+        let (start, end) = (self.count, self.count + stretch.values.len());
+        if self.codes.len() < end + LANES {
+            self.make_room(end);
         }
-        let (first_px, step_px) = (row.beside_px(plane, span.first) as f32, plane.step_px as f32);
-        for (k, du) in du[start..end].iter_mut().enumerate() {
-            *du = first_px + step_px * (k as u32) as f32;
+        self.count = end;
+        let Self { du, dv, codes, .. } = self;
+        let (du, dv) = (du[start..end + LANES].as_chunks_mut::<LANES>().0, dv[start..end + LANES].as_chunks_mut().0);
+        let (first_px, step_px) = (stretch.first_px as f32, stretch.step_px as f32);
+        let mut along_px: [f32; LANES] = std::array::from_fn(|lane| first_px + step_px * (lane as u8) as f32);
+        // What is written beyond the end will be overwritten.
+        for (du, dv) in du.iter_mut().zip(dv).take(stretch.values.len().div_ceil(LANES)) {
+            (*du, *dv) = (along_px, [stretch.dv_px as f32; LANES]);
+            along_px = along_px.map(|px| px + LANES as f32 * step_px);
         }
-        dv[start..end].fill(row.dv_px as f32);
-        plane.read_span(row.row, span.first, &mut codes[start..end]);
-        *count = end;
+        codes[start..end].iter_mut().zip(stretch.values).for_each(|(code, value)| *code = *value);
+    }
+
+    #[cold]
+    fn make_room(&mut self, end: usize) {
+        for values in [&mut self.du, &mut self.dv, &mut self.codes] {
+            values.resize(2 * end + LANES, 0.0);
+        }
     }
 }
 
-/// Adds the pixels of a row to zones, or to the sums over what the spot fills and over the ground.
+/// Adds the pixels of rows to zones, or to the sums over what the spot fills and over the ground.
 #[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
+fn read_rows(
+    plane: &PlaneView<'_>,
+    curves: &Curves,
+    rows: impl Iterator<Item = usize>,
+    sums_ground: bool,
+    line: &mut Vec<f32>,
+    zones: &mut [Zone; ZONES],
+    tallies: &mut [Tally; 2],
+) {
+    for row in rows {
+        read_row(plane, &curves.row(plane, row), sums_ground, line, zones, tallies);
+    }
+}
+
+#[inline(always)]
 fn read_row(
     plane: &PlaneView<'_>,
     row: &Row,
     sums_ground: bool,
+    line: &mut Vec<f32>,
     [edge, inside, beside]: &mut [Zone; ZONES],
     [full, ground]: &mut [Tally; 2],
 ) {
     let Row { whole, outer, inner, even, .. } = *row;
-    for span in [Span { end: outer.first, ..whole }, Span { first: outer.end, ..whole }] {
+    if line.len() < whole.len() {
+        line.resize(whole.len(), 0.0);
+    }
+    let line = &mut line[..whole.len()];
+    let codes = plane.line(row.row).get(whole.first * plane.step_px..).unwrap_or_default();
+    read_every(codes, plane.step_px, f32::from, line);
+    let stretch = |first: usize, end: usize| Stretch {
+        values: &line[first - whole.first..end - whole.first],
+        first_px: row.beside_px(plane, first),
+        step_px: plane.step_px as f64,
+        dv_px: row.dv_px,
+    };
+    for outside in [stretch(whole.first, outer.first), stretch(outer.end, whole.end)] {
         if sums_ground {
-            ground.add(&row.stretch(plane, span));
+            ground.add(&outside);
         } else {
-            beside.read(plane, row, span);
+            beside.add(&outside);
         }
     }
-    for span in [Span { end: inner.first, ..outer }, Span { first: inner.end, ..outer }] {
-        edge.read(plane, row, span);
-    }
-    for span in [Span { end: even.first, ..inner }, Span { first: even.end, ..inner }] {
-        inside.read(plane, row, span);
-    }
-    full.add(&row.stretch(plane, even));
+    edge.add(&stretch(outer.first, inner.first));
+    edge.add(&stretch(inner.end, outer.end));
+    inside.add(&stretch(inner.first, even.first));
+    inside.add(&stretch(even.end, inner.end));
+    full.add(&stretch(even.first, even.end));
 }
 
-/// Looks at the pixels of a window here and there, so that memory answers for many rows at a time rather than for each
-/// when its turn comes.
-fn fetch(plane: &PlaneView<'_>, Rings { outline, window_px, .. }: &Rings) {
-    const LINE: usize = 32;
-    let [u_px, v_px] = outline.centre_px;
-    let Span { first, end } = columns(plane, u_px, [-window_px, *window_px]);
-    let codes = rows(plane, v_px, *window_px).flat_map(|row| {
-        let line = plane.line(row);
-        line[..line.len().min(end * plane.step_px)].iter().skip(first * plane.step_px).step_by(LINE)
-    });
-    black_box(codes.map(|code| u32::from(*code)).sum::<u32>());
-}
-
-/// The window and both sides of the edge, ready to be crossed by rows.
+/// The window, both sides of the edge and what is even within them, ready to be crossed by rows.
 struct Curves {
     centre_px: [f64; 2],
-    window_px: f64,
-    even_px: f64,
-    outer: Curve,
-    inner: Curve,
+    lean: [f64; CURVES],
+    size2: [f64; CURVES],
+    narrowing: [f64; CURVES],
 }
+
+const CURVES: usize = 4;
 
 /// What a row shares with the window, with what lies within the outer side of the edge and within the inner one, and with
 /// what is even of that.
@@ -262,21 +293,39 @@ struct Row {
 impl Curves {
     fn of(&Rings { outline, window_px, even_px, .. }: &Rings) -> Self {
         let [outer, inner] = [Side::Outer, Side::Inner].map(|side| outline.curve(side));
-        Self { centre_px: outline.centre_px, window_px, even_px: even_px.clamp(0.0, window_px), outer, inner }
+        let curves = [Curve::circle(window_px), outer, inner, Curve::circle(even_px.clamp(0.0, window_px))];
+        Self {
+            centre_px: outline.centre_px,
+            lean: curves.map(|curve| curve.lean),
+            size2: curves.map(|curve| curve.size2),
+            narrowing: curves.map(|curve| curve.narrowing),
+        }
     }
 
+    #[inline(always)]
     fn row(&self, plane: &PlaneView<'_>, row: usize) -> Row {
+        // Added to a number below it, it leaves that in the last bits.
+        const WHOLE: f64 = 4_503_599_627_370_496.0;
         let [u_px, v_px] = self.centre_px;
         let dv_px = plane.frame_v_px(row as f64) - v_px;
-        let within = |radius_px: f64| {
-            let half_px = (radius_px * radius_px - dv_px * dv_px).max(0.0).sqrt();
-            columns(plane, u_px, [-half_px, half_px])
-        };
-        let whole = within(self.window_px);
-        let outer = columns(plane, u_px, self.outer.crossings_px(dv_px)).within(whole);
-        let inner = columns(plane, u_px, self.inner.crossings_px(dv_px)).within(outer);
-        let even = within(self.even_px).within(inner);
-        Row { row, u_px, dv_px, whole, outer, inner, even }
+        let (middle_px, per_px) = (u_px - plane.origin_px[0] as f64, 1.0 / plane.step_px as f64);
+        let columns = plane.columns as f64;
+        let (mut first, mut end) = ([0; CURVES], [0; CURVES]);
+        for curve in 0..CURVES {
+            let half2_px = self.size2[curve] - self.narrowing[curve] * dv_px * dv_px;
+            let half_px = half2_px.max(0.0).sqrt();
+            let middle_px = middle_px - self.lean[curve] * dv_px;
+            let low = ((middle_px - half_px) * per_px).max(0.0).min(columns).ceil();
+            let high = ((middle_px + half_px) * per_px + 1.0).max(0.0).min(columns).floor();
+            let high = if half2_px > 0.0 { high.max(low) } else { low };
+            first[curve] = (low + WHOLE).to_bits() as u32;
+            end[curve] = (high + WHOLE).to_bits() as u32;
+        }
+        let span = |curve: usize| Span { first: first[curve] as usize, end: end[curve] as usize };
+        let whole = span(0);
+        let outer = span(1).within(whole);
+        let inner = span(2).within(outer);
+        Row { row, u_px, dv_px, whole, outer, inner, even: span(3).within(inner) }
     }
 }
 
@@ -287,14 +336,13 @@ impl Row {
         plane.frame_u_px(column as f64) - self.u_px
     }
 
-    /// Pixels of it.
-    #[inline(always)]
-    fn stretch<'a>(&self, plane: &PlaneView<'a>, span: Span) -> FullRow<'a> {
+    /// What is even of it.
+    fn full<'a>(&self, plane: &PlaneView<'a>) -> FullRow<'a> {
         FullRow {
-            codes: plane.line(self.row).get(span.first * plane.step_px..).unwrap_or_default(),
+            codes: plane.line(self.row).get(self.even.first * plane.step_px..).unwrap_or_default(),
             step: plane.step_px,
-            count: span.len(),
-            first_px: self.beside_px(plane, span.first),
+            count: self.even.len(),
+            first_px: self.beside_px(plane, self.even.first),
             dv_px: self.dv_px,
         }
     }

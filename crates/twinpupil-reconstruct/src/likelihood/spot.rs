@@ -149,6 +149,12 @@ impl Spot {
         (self.blur_px.abs() - self.blur_growth_px.abs()).max(0.0)
     }
 
+    /// Half the width of its edges, px.
+    pub(crate) fn edge_px(&self) -> f64 {
+        const PIXEL_PX: f64 = 0.5;
+        self.blur_px.abs() + PIXEL_PX
+    }
+
     /// Growth of the blur along u and v, px per px.
     pub(crate) fn blur_gradient(&self) -> Vector2 {
         self.inverse[0].map(|along| self.blur_growth_px * along / self.radius_px)

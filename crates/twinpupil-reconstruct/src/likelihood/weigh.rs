@@ -3,6 +3,7 @@
 use multiversion::multiversion;
 
 use crate::likelihood::black::{Black, Reading};
+use crate::likelihood::chords::{LANES, Lanes, lanes, padded};
 use crate::likelihood::light::{Light, Places};
 
 /// Weights and residuals of pixels, for derivatives of the light alone: what the illumination and the end of the scale
@@ -11,8 +12,6 @@ use crate::likelihood::light::{Light, Places};
 pub(crate) struct Weights {
     pub(crate) weight: Vec<f32>,
     pub(crate) residual: Vec<f32>,
-    /// Modelled light, codes above black.
-    model: Vec<f32>,
 }
 
 /// A dot's light and that of its ground, codes above black, with the growth of the illumination, 1/px.
@@ -63,47 +62,15 @@ impl Weights {
         levels: &Levels,
         judge: &Judge<'_>,
     ) {
-        let Self { weight, residual, model } = self;
-        let count = codes.len();
-        for values in [&mut *weight, &mut *residual, &mut *model] {
-            values.resize(count, 0.0);
+        for values in [&mut self.weight, &mut self.residual] {
+            values.resize(codes.len(), 0.0);
         }
-        let ground = Ground::of(levels, judge.black);
-        let darkest = weigh(codes, places, light, others, levels, judge, &ground, [weight, residual, model]);
-        if darkest < judge.black.light_max {
-            self.clip_at_black(codes, places, levels, judge);
-        }
-    }
-
-    /// Where codes near zero cannot be negative.
-    fn clip_at_black(&mut self, codes: &[f32], places: &Places, levels: &Levels, judge: &Judge<'_>) {
-        const MANY: usize = 16;
-        for start in (0..codes.len()).step_by(MANY) {
-            let pixels = start..(start + MANY).min(codes.len());
-            // Few pixels that are not bare ground lie near black.
-            let dark = self.model[pixels.clone()].iter().map(|light| u32::from(*light < judge.black.light_max));
-            if dark.sum::<u32>() > 0 {
-                pixels.for_each(|k| self.clip_one(k, codes[k], [places.du[k], places.dv[k]], levels, judge));
-            }
-        }
-    }
-
-    fn clip_one(&mut self, k: usize, code: f32, [du, dv]: [f32; 2], levels: &Levels, judge: &Judge<'_>) {
-        let light = self.model[k];
-        if light >= judge.black.light_max || code >= judge.saturated {
-            return;
-        }
-        let [gu, gv] = levels.growth;
-        let reading = judge.black.read(light);
-        let left = code - judge.black.noise().black_level as f32 - reading.mean;
-        let slope = reading.slope.max(SLOPE_MIN) * (1.0 + gu * du + gv * dv);
-        let out = left * left * reading.trust > judge.limit;
-        self.weight[k] = if out { 0.0 } else { reading.trust * slope * slope };
-        self.residual[k] = left / slope;
+        weigh(codes, places, light, others, levels, judge, self);
     }
 }
 
 /// What pixels of the bare ground read, all of which have the same light: most of those near black are such.
+#[derive(Clone, Copy)]
 struct Ground {
     /// Their light; nothing is near it where the ground is bright or unevenly lit.
     light: f32,
@@ -121,9 +88,6 @@ impl Ground {
     }
 }
 
-/// Fills weights, residuals and modelled light, that of the bare ground as if it were far from black; the least light of
-/// all.
-#[expect(clippy::too_many_arguments, reason = "a loop over all that pixels have")]
 #[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
 fn weigh(
     codes: &[f32],
@@ -132,36 +96,58 @@ fn weigh(
     others: &[f32],
     levels: &Levels,
     judge: &Judge<'_>,
+    Weights { weight, residual }: &mut Weights,
+) {
+    let ground = Ground::of(levels, judge.black);
+    let pixels = [codes, &places.du, &places.dv, &light.light, &light.open, others];
+    let pixels = pixels.map(|values| values[..codes.len()].as_chunks::<LANES>());
+    let ((weights, last_weights), (residuals, last_residuals)) = (weight.as_chunks_mut(), residual.as_chunks_mut());
+    for (chunk, (weights, residuals)) in weights.iter_mut().zip(residuals).enumerate() {
+        (*weights, *residuals) = weigh_lanes(pixels.map(|(chunks, _)| &chunks[chunk]), levels, judge, &ground);
+    }
+    let last = pixels.map(|(_, rest)| padded(rest));
+    let (weights, residuals) = weigh_lanes(last.each_ref(), levels, judge, &ground);
+    last_weights.copy_from_slice(&weights[..last_weights.len()]);
+    last_residuals.copy_from_slice(&residuals[..last_residuals.len()]);
+}
+
+/// Weights and residuals of pixels side by side.
+#[inline(always)]
+fn weigh_lanes(
+    [codes, du, dv, own, open, others]: [&Lanes; 6],
+    levels: &Levels,
+    judge: &Judge<'_>,
     ground: &Ground,
-    [weight, residual, model]: [&mut [f32]; 3],
-) -> f32 {
-    const LANES: usize = 8;
-    let count = codes.len();
-    let (du, dv) = (&places.du[..count], &places.dv[..count]);
-    let (own, open, others) = (&light.light[..count], &light.open[..count], &others[..count]);
-    let (weight, residual, model) = (&mut weight[..count], &mut residual[..count], &mut model[..count]);
+) -> (Lanes, Lanes) {
     let Levels { contrast, background, growth: [gu, gv] } = *levels;
-    let (floor, slope) = (judge.black.noise().floor_codes2 as f32, judge.black.noise().slope_codes as f32);
-    let (black_level, saturated, limit) = (judge.black.noise().black_level as f32, judge.saturated, judge.limit);
-    for k in 0..count {
-        let lit = 1.0 + gu * du[k] + gv * dv[k];
-        let lights = others[k] + lit * (contrast * own[k] + background * open[k]);
-        let bare = (lights - ground.light).abs() < BARE_CODES;
-        let trust = if bare { ground.reading.trust } else { 1.0 / (floor + slope * lights.max(0.0)) };
-        let left = codes[k] - black_level - if bare { ground.reading.mean } else { lights };
-        let felt = if bare { ground.reading.slope } else { lit };
-        let full = (codes[k] >= saturated) | ((lights > judge.full) & (codes[k] > judge.spared));
-        let out = full | (left * left * trust > limit);
-        weight[k] = if out { 0.0 } else { trust * felt * felt };
-        residual[k] = left / felt;
-        model[k] = if bare { f32::INFINITY } else { lights };
+    let noise = judge.black.noise();
+    let (floor, growth) = (noise.floor_codes2 as f32, noise.slope_codes as f32);
+    let lit = lanes(|lane| 1.0 + gu * du[lane] + gv * dv[lane]);
+    let lights = lanes(|lane| others[lane] + lit[lane] * (contrast * own[lane] + background * open[lane]));
+    let (mut mean, mut slope, mut trust) = (lights, [1.0; LANES], [0.0; LANES]);
+    let (light_max, mut dark) = (judge.black.light_max, 0);
+    for lane in 0..LANES {
+        let bare = (lights[lane] - ground.light).abs() < BARE_CODES;
+        mean[lane] = if bare { ground.reading.mean } else { lights[lane] };
+        slope[lane] = if bare { ground.reading.slope } else { 1.0 };
+        trust[lane] = if bare { ground.reading.trust } else { 1.0 / (floor + growth * lights[lane].max(0.0)) };
+        dark |= u32::from((lights[lane] < light_max) & !bare) << lane;
     }
-    let mut darkest = [f32::INFINITY; LANES];
-    let (chunks, rest) = model.as_chunks::<LANES>();
-    for chunk in chunks {
-        for lane in 0..LANES {
-            darkest[lane] = darkest[lane].min(chunk[lane]);
-        }
+    // Where codes near zero cannot be negative.
+    while dark != 0 {
+        let lane = dark.trailing_zeros() as usize % LANES;
+        let Reading { mean: dark_mean, slope: dark_slope, trust: dark_trust } = judge.black.read(lights[lane]);
+        (mean[lane], slope[lane], trust[lane]) = (dark_mean, dark_slope.max(SLOPE_MIN), dark_trust);
+        dark &= dark - 1;
     }
-    darkest.iter().chain(rest).fold(f32::INFINITY, |least, value| least.min(*value))
+    let (mut weights, mut residuals) = ([0.0; LANES], [0.0; LANES]);
+    for lane in 0..LANES {
+        let left = codes[lane] - noise.black_level as f32 - mean[lane];
+        let felt = slope[lane] * lit[lane];
+        let full = (codes[lane] >= judge.saturated) | ((lights[lane] > judge.full) & (codes[lane] > judge.spared));
+        let out = full | (left * left * trust[lane] > judge.limit);
+        weights[lane] = if out { 0.0 } else { trust[lane] * felt * felt };
+        residuals[lane] = left / felt;
+    }
+    (weights, residuals)
 }

@@ -1,9 +1,12 @@
 //! The contrast of a plane, read where it is asked for: features are positive whatever their polarity.
 
+use std::ops::Range;
+
 use multiversion::multiversion;
 use twinpupil_instrument::PlaneView;
 
 use crate::background::Polarity;
+use crate::fetch::fetch;
 
 /// Where contrasts come from.
 #[derive(Debug, Clone, Copy)]
@@ -61,6 +64,13 @@ impl Light<'_> {
         }
     }
 
+    /// Brings pixels near that will be read soon.
+    pub(crate) fn fetch(&self, rows: Range<usize>, columns: Range<usize>) {
+        if let Self::Codes { plane, .. } = self {
+            fetch(plane, rows, columns);
+        }
+    }
+
     /// Reads contrasts between pixels, bilinear: as many as `contrasts` holds, of a row from a column on. All of them lie
     /// on the plane.
     pub(crate) fn sample(&self, first: f64, row: f64, contrasts: &mut [f32], rows: &mut [Vec<f32>; 2]) {
@@ -109,18 +119,23 @@ impl Light<'_> {
 /// Reads every `step`-th code times a sign, and something added.
 #[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
 fn read_codes(line: &[u16], step: usize, sign: f32, added: f32, contrasts: &mut [f32]) {
-    let contrast = |code: u16| sign * f32::from(code) + added;
+    read_every(line, step, |code| sign * f32::from(code) + added, contrasts);
+}
+
+/// Reads what is made of every `step`-th code, as many as there is place for.
+#[inline(always)]
+pub(crate) fn read_every(line: &[u16], step: usize, number: impl Fn(u16) -> f32, numbers: &mut [f32]) {
     match step {
-        1 => contrasts.iter_mut().zip(line).for_each(|(value, code)| *value = contrast(*code)),
+        1 => numbers.iter_mut().zip(line).for_each(|(value, code)| *value = number(*code)),
         2 => {
             let (pairs, rest) = line.as_chunks::<2>();
             // A row of odd length ends in a pixel without a partner.
-            if let ([code], Some(last)) = (rest, contrasts.get_mut(pairs.len())) {
-                *last = contrast(*code);
+            if let ([code], Some(last)) = (rest, numbers.get_mut(pairs.len())) {
+                *last = number(*code);
             }
-            contrasts.iter_mut().zip(pairs).for_each(|(value, pair)| *value = contrast(pair[0]));
+            numbers.iter_mut().zip(pairs).for_each(|(value, pair)| *value = number(pair[0]));
         }
-        _ => contrasts.iter_mut().zip(line.iter().step_by(step)).for_each(|(value, code)| *value = contrast(*code)),
+        _ => numbers.iter_mut().zip(line.iter().step_by(step)).for_each(|(value, code)| *value = number(*code)),
     }
 }
 

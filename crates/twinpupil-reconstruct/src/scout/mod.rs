@@ -19,11 +19,11 @@ pub(crate) mod run;
 use std::ops::Range;
 
 use crate::quantile::upper_quantile;
-use crate::scout::area::area;
+use crate::scout::area::{area, middle};
 use crate::scout::hull::Hull;
 use crate::scout::light::Light;
 use crate::scout::neck::Necks;
-use crate::scout::row::{Moments, Sums, count_above, highest_pair, parts_above};
+use crate::scout::row::{count_above, highest_pair, light_of, parts_above};
 use crate::scout::run::{Forest, Run, runs_of_row};
 
 /// A feature as it is found, in pixels of the plane.
@@ -76,8 +76,9 @@ pub(crate) struct Scout {
     /// Contrasts of all runs above the floor, with a pixel on either side of each.
     contrasts: Vec<f32>,
     tops: Vec<f32>,
-    /// Lengths of the rows of a piece.
+    /// Lengths of the rows of a piece, and their light.
     lengths: Vec<f64>,
+    lights: Vec<f64>,
     hull: Hull,
     necks: Necks,
 }
@@ -268,30 +269,43 @@ impl Scout {
 
     /// Measures a piece.
     fn blob(&mut self, light: &Light<'_>, piece: &Piece, height: f32, skirt: Option<&Piece>) -> Option<Blob> {
-        let Self { runs, contrasts, lengths, step, .. } = self;
-        let (runs, step) = (&runs[piece.runs.clone()], *step);
-        let (mut moments, mut upper) = (Moments::default(), 0);
+        let Self { runs, contrasts, lengths, lights, step, .. } = self;
+        let light_columns = light.columns();
+        let (all, step) = (&*runs, *step);
+        let runs = &all[piece.runs.clone()];
+        let mut upper = 0;
         // Places count from the first pixel, where single precision is fine enough.
-        let origin = runs.first().map_or([0.0; 2], |run| [f64::from(run.first), (run.row as usize * step) as f64]);
+        let [left, top] = runs.first().map(|run| [f64::from(run.first), (run.row as usize * step) as f64])?;
+        let mut along = 0.0;
         lengths.clear();
+        lights.clear();
         for row_runs in runs.chunk_by(|a, b| a.row == b.row) {
-            let mut length = 0.0;
+            let (mut length, mut row_light) = (0.0, 0.0);
             for run in row_runs {
                 let own = of_run(contrasts, run);
                 upper += count_above(own, 0.75 * height);
-                length += length_of(contrasts, run, light.columns(), piece.level);
-                let row = (run.row as usize * step) as f64;
-                moments.add(own, [f64::from(run.first) - origin[0], row - origin[1]]);
+                let first = f64::from(run.first) - left;
+                let [light, moment] = light_of(own, first as f32);
+                let beyond = beyond(contrasts, run, light_columns, piece.level);
+                // What lies between the borders of the outer pixels and where the contrast passes the level.
+                let ends = beyond.map(|beyond| (beyond - 0.5) * f64::from(piece.level));
+                row_light += light + ends[0] + ends[1];
+                along += moment + ends[0] * (first - 0.5) + ends[1] * (first + f64::from(run.pixels()) - 0.5);
+                length += f64::from(run.pixels()) - 1.0 + beyond[0] + beyond[1];
             }
             lengths.push(length);
+            lights.push(row_light);
         }
-        let Sums { light: sum, first, .. } = moments.sums();
+        let sum: f64 = lights.iter().sum();
         if sum.is_nan() || sum <= 0.0 {
             return None;
         }
-        let centre = [origin[0] + first[0] / sum, origin[1] + first[1] / sum];
+        let above_half = [left + along / sum, top + step as f64 * middle(lights, step)];
+        // All rows together tell the middle of all light, however its edges meet the pixels.
+        let whole = skirt.filter(|_| step == 1).and_then(|skirt| centroid(&all[skirt.runs.clone()], contrasts));
+        let centre = whole.unwrap_or(above_half);
         let step = step as u32;
-        let (columns, rows) = (light.columns() as u32, (light.rows() as u32).div_ceil(step));
+        let (columns, rows) = (light_columns as u32, (light.rows() as u32).div_ceil(step));
         let on_edge = |run: &Run| run.row == 0 || run.first == 0 || run.row + 1 == rows || run.end == columns;
         let farthest2 = |run: &Run| {
             let side = (f64::from(run.first) - centre[0]).abs().max((f64::from(run.end) - 1.0 - centre[0]).abs());
@@ -315,23 +329,34 @@ impl Scout {
     }
 }
 
+/// Centroid of the light of runs; `None` without light.
+fn centroid(runs: &[Run], contrasts: &[f32]) -> Option<[f64; 2]> {
+    let [left, top] = runs.first().map(|run| [f64::from(run.first), f64::from(run.row)])?;
+    let (mut sum, mut along, mut down) = (0.0, 0.0, 0.0);
+    for run in runs {
+        let [light, moment] = light_of(of_run(contrasts, run), (f64::from(run.first) - left) as f32);
+        (sum, along, down) = (sum + light, along + moment, down + (f64::from(run.row) - top) * light);
+    }
+    (sum > 0.0).then(|| [left + along / sum, top + down / sum])
+}
+
 /// The contrasts of a run.
 fn of_run<'a>(contrasts: &'a [f32], run: &Run) -> &'a [f32] {
     &contrasts[run.at as usize..(run.at + run.pixels()) as usize]
 }
 
-/// Length of a run between the places where the contrast passes its level, pixels.
-fn length_of(contrasts: &[f32], run: &Run, columns: usize, level: f32) -> f64 {
+/// How far beyond the centres of its first and its last pixel a run reaches, to where the contrast passes its level,
+/// pixels; half a pixel where it ends in another feature.
+fn beyond(contrasts: &[f32], run: &Run, columns: usize, level: f32) -> [f64; 2] {
     let at = |place: u32| contrasts[place as usize];
-    // How far beyond the centre of its last pixel a run reaches; half a pixel where it ends in another feature.
     let beyond = |inside: f32, outside: Option<f32>| match outside {
-        Some(outside) if outside <= level => (inside - level) / (inside - outside),
+        Some(outside) if outside <= level => f64::from((inside - level) / (inside - outside)),
         _ => 0.5,
     };
     let end = run.at + run.pixels();
     let left = beyond(at(run.at), (run.first > 0).then(|| at(run.at - 1)));
     let right = beyond(at(end - 1), ((run.end as usize) < columns).then(|| at(end)));
-    f64::from(run.pixels()) - 1.0 + f64::from(left + right)
+    [left, right]
 }
 
 /// From half the height to the foot of an edge that is blurred over a disc, pixels: from how much wider the feature is

@@ -47,23 +47,44 @@ pub(crate) fn highest_pair(contrasts: &[f32]) -> f32 {
     lanes.iter().fold(rest, |peak, lane| higher(peak, *lane))
 }
 
+/// Light of a run whose first pixel lies at `x`, and its first moment along the row.
+#[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
+pub(crate) fn light_of(contrasts: &[f32], x: f32) -> [f64; 2] {
+    let (mut light, mut along) = ([0.0_f32; LANES], [0.0_f32; LANES]);
+    let mut places: [f32; LANES] = std::array::from_fn(|lane| lane as f32);
+    let (blocks, rest) = contrasts.as_chunks::<LANES>();
+    for block in blocks {
+        for lane in 0..LANES {
+            light[lane] += block[lane];
+            along[lane] += places[lane] * block[lane];
+            places[lane] += LANES as f32;
+        }
+    }
+    for (lane, value) in rest.iter().enumerate() {
+        light[lane] += value;
+        along[lane] += places[lane] * value;
+    }
+    let total = |lanes: [f32; LANES]| lanes.iter().map(|lane| f64::from(*lane)).sum::<f64>();
+    let (light, along) = (total(light), total(along));
+    [light, along + f64::from(x) * light]
+}
+
 /// Pixels that are summed side by side along a row, and sums that are kept from row to row.
 const LANES: usize = 8;
-const KEPT: usize = 4;
 
-/// Moments of light, summed row by row and in lanes, so that nothing is added up before the end.
+/// Moments of light, summed row by row and in lanes, so that little is added up before the end.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Moments {
-    light: [f64; KEPT],
-    squares: [f64; KEPT],
-    /// First moments along and across the rows.
-    along: [f64; KEPT],
-    across: [f64; KEPT],
-    /// Second moments.
-    along2: [f64; KEPT],
-    both: [f64; KEPT],
-    across2: [f64; KEPT],
+    sums: Sums,
+    /// What the last rows add to light, squares, first and second moments.
+    lanes: [[f32; LANES]; MOMENTS],
+    rows: usize,
 }
+
+const MOMENTS: usize = 7;
+
+/// Rows whose moments may stay in single precision.
+const ROWS: usize = 16;
 
 /// [`Moments`] with their lanes added up.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -78,30 +99,42 @@ pub(crate) struct Sums {
 
 impl Moments {
     /// Adds the pixels of a row whose first lies at `[x, y]`.
-    pub(crate) fn add(&mut self, contrasts: &[f32], place: [f64; 2]) {
-        add_row(self, contrasts, place);
+    pub(crate) fn add(&mut self, contrasts: &[f32], [x, y]: [f64; 2]) {
+        add_row(&mut self.lanes, contrasts, [x as f32, y as f32]);
+        self.rows += 1;
+        if self.rows == ROWS {
+            self.settle();
+        }
     }
 
-    pub(crate) fn sums(&self) -> Sums {
-        let total = |lanes: &[f64; KEPT]| lanes.iter().sum();
-        Sums {
-            light: total(&self.light),
-            squares: total(&self.squares),
-            first: [total(&self.along), total(&self.across)],
-            second: [total(&self.along2), total(&self.both), total(&self.across2)],
-        }
+    pub(crate) fn sums(mut self) -> Sums {
+        self.settle();
+        self.sums
+    }
+
+    fn settle(&mut self) {
+        let [light, squares, along, across, along2, both, across2] =
+            self.lanes.map(|lanes| lanes.iter().map(|lane| f64::from(*lane)).sum::<f64>());
+        let Sums { light: l, squares: s, first: [u, v], second: [uu, uv, vv] } = self.sums;
+        self.sums = Sums {
+            light: l + light,
+            squares: s + squares,
+            first: [u + along, v + across],
+            second: [uu + along2, uv + both, vv + across2],
+        };
+        (self.lanes, self.rows) = ([[0.0; LANES]; MOMENTS], 0);
     }
 }
 
 #[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
-fn add_row(moments: &mut Moments, contrasts: &[f32], [x, y]: [f64; 2]) {
+fn add_row(sums: &mut [[f32; LANES]; MOMENTS], contrasts: &[f32], [x, y]: [f32; 2]) {
     let (mut light, mut squares) = ([0.0_f32; LANES], [0.0_f32; LANES]);
     let (mut along, mut along2) = ([0.0_f32; LANES], [0.0_f32; LANES]);
-    let mut places: [f32; LANES] = std::array::from_fn(|lane| x as f32 + lane as f32);
+    let mut places: [f32; LANES] = std::array::from_fn(|lane| x + lane as f32);
     let (blocks, rest) = contrasts.as_chunks::<LANES>();
     // What fills no lanes is padded with zeros.
     let mut last = [0.0; LANES];
-    last[..rest.len()].copy_from_slice(rest);
+    last.iter_mut().zip(rest).for_each(|(last, value)| *last = *value);
     for block in 0..=blocks.len() {
         let values = blocks.get(block).unwrap_or(&last);
         for lane in 0..LANES {
@@ -113,16 +146,15 @@ fn add_row(moments: &mut Moments, contrasts: &[f32], [x, y]: [f64; 2]) {
             places[lane] += LANES as f32;
         }
     }
-    for lane in 0..KEPT {
-        let folded = |lanes: &[f32; LANES]| f64::from(lanes[lane] + lanes[lane + KEPT]);
-        let (light, along) = (folded(&light), folded(&along));
-        moments.light[lane] += light;
-        moments.squares[lane] += folded(&squares);
-        moments.along[lane] += along;
-        moments.along2[lane] += folded(&along2);
-        moments.across[lane] += y * light;
-        moments.both[lane] += y * along;
-        moments.across2[lane] += y * y * light;
+    let [of_light, of_squares, of_along, of_across, of_along2, of_both, of_across2] = sums;
+    for lane in 0..LANES {
+        of_light[lane] += light[lane];
+        of_squares[lane] += squares[lane];
+        of_along[lane] += along[lane];
+        of_across[lane] += y * light[lane];
+        of_along2[lane] += along2[lane];
+        of_both[lane] += y * along[lane];
+        of_across2[lane] += y * y * light[lane];
     }
 }
 
@@ -146,6 +178,16 @@ mod tests {
             moments.add(&line, [-2.25, y]);
         }
         assert_eq!(moments.sums(), Sums { light, squares, first, second });
+    }
+
+    #[test]
+    fn the_light_of_a_run_is_that_of_a_plain_loop() {
+        for length in [0, 1, 7, 8, 21] {
+            let line: Vec<f32> = (0..length).map(|k| (k * 7 % 5) as f32).collect();
+            let light: f32 = line.iter().sum();
+            let along: f32 = line.iter().enumerate().map(|(k, value)| (k as f32 - 2.0) * value).sum();
+            assert_eq!(light_of(&line, -2.0), [f64::from(light), f64::from(along)]);
+        }
     }
 
     #[test]
