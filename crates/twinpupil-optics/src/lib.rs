@@ -15,7 +15,9 @@
 //! [`ImagePoint`]: twinpupil_instrument::ImagePoint
 
 mod camera;
+mod catalogue;
 mod conic;
+mod dispersion;
 mod fresnel;
 mod glass;
 mod grooves;
@@ -33,9 +35,11 @@ mod refraction;
 mod region;
 mod response;
 mod stop;
+mod text;
 mod thin;
 
 pub use camera::{BandOptics, Camera, OpticsError};
+pub use catalogue::Catalogue;
 pub use glass::Glass;
 pub use ledger::{RayFate, RayLedger};
 pub use paraxial::{CardinalPoints, ParaxialSurface};

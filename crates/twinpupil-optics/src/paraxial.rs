@@ -47,12 +47,12 @@ impl CardinalPoints {
 
 /// Base curvature of a Fresnel lens, by the lensmaker's equation for a plano-convex lens: `c = 1/((n − 1) f)`, 1/mm.
 pub(crate) fn base_curvature_per_mm(lens: &FresnelLens) -> Result<f64, OpticsError> {
-    let index = Glass::from_name(&lens.material)?.index(lens.design_wavelength_nm)?;
+    let index = Glass::built_in(&lens.material, "lens.material")?.index(lens.design_wavelength_nm)?;
     Ok(1.0 / ((index - 1.0) * lens.focal_length_mm))
 }
 
 fn fresnel_surfaces(lens: &FresnelLens, wavelength_nm: f64) -> Result<[ParaxialSurface; 2], OpticsError> {
-    let index = Glass::from_name(&lens.material)?.index(wavelength_nm)?;
+    let index = Glass::built_in(&lens.material, "lens.material")?.index(wavelength_nm)?;
     let curvature_per_mm = base_curvature_per_mm(lens)?;
     let (first, last) = match lens.grooves {
         GrooveSide::Object => (curvature_per_mm, 0.0),
@@ -114,7 +114,7 @@ mod tests {
     fn a_fresnel_lens_has_its_focal_length_and_a_principal_plane_at_the_peaks() {
         for grooves in [GrooveSide::Object, GrooveSide::Image] {
             let lens = lens(grooves);
-            let n = Glass::Pmma.index(587.6).unwrap();
+            let n = Glass::built_in("pmma", "lens.material").unwrap().index(587.6).unwrap();
             let found = CardinalPoints::of_fresnel(&lens, 587.6).unwrap();
             assert!((found.focal_length_mm - 100.0).abs() < 1e-12);
             let (at_peaks, inside) = match grooves {
