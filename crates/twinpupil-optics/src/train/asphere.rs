@@ -1,13 +1,13 @@
 //! Where rays meet an asphere, by Newton's method on all rays of a block at once.
 
 use super::face::Polynomial;
-use super::kernel::{across, moved, nearest_to_vertex};
+use super::kernel::{across, moved};
 use super::rays::{Block, LANES};
 use crate::refraction::Vector;
 
 /// Where the rays of a block meet a surface.
 pub(crate) struct Met {
-    /// From the point nearest to the vertex.
+    /// Along the ray.
     pub(crate) distance_mm: [f64; LANES],
     /// Slope of the surface there over the radius, 1/mm.
     pub(crate) slope_per_radius: [f64; LANES],
@@ -25,7 +25,7 @@ const LAST_STEP_MM: f64 = 1e-8;
 pub(crate) fn meet(polynomial: &Polynomial, ahead_z_mm: f64, block: &Block) -> Met {
     let mut met = Met { distance_mm: [0.0; LANES], slope_per_radius: [0.0; LANES], is_met: [false; LANES] };
     for lane in 0..LANES {
-        let (p, d) = nearest(block, ahead_z_mm, lane);
+        let (p, d) = ray(block, ahead_z_mm, lane);
         // From the tangent plane at the vertex.
         met.distance_mm[lane] = -p[2] / d[2];
     }
@@ -43,7 +43,7 @@ pub(crate) fn meet(polynomial: &Polynomial, ahead_z_mm: f64, block: &Block) -> M
 pub(crate) fn meet_flat(polynomial: &Polynomial, ahead_z_mm: f64, block: &Block) -> Met {
     let mut met = Met { distance_mm: [0.0; LANES], slope_per_radius: [0.0; LANES], is_met: [false; LANES] };
     for lane in 0..LANES {
-        let (p, d) = nearest(block, ahead_z_mm, lane);
+        let (p, d) = ray(block, ahead_z_mm, lane);
         met.distance_mm[lane] = -p[2] / d[2];
     }
     let sag_mm = sag_and_slope(polynomial, ahead_z_mm, block, &met.distance_mm, &mut met.slope_per_radius);
@@ -60,7 +60,7 @@ fn improve(polynomial: &Polynomial, ahead_z_mm: f64, block: &Block, met: &mut Me
     let sag_mm = sag_and_slope(polynomial, ahead_z_mm, block, &met.distance_mm, &mut slope_per_radius);
     let mut open = 0_u64;
     for lane in 0..LANES {
-        let (p, d) = nearest(block, ahead_z_mm, lane);
+        let (p, d) = ray(block, ahead_z_mm, lane);
         let [x, y, z] = moved(p, met.distance_mm[lane], d);
         let towards = slope_per_radius[lane] * (x * d[0] + y * d[1]) - d[2];
         let step_mm = (sag_mm[lane] - z) / towards;
@@ -72,10 +72,11 @@ fn improve(polynomial: &Polynomial, ahead_z_mm: f64, block: &Block, met: &mut Me
     open == 0
 }
 
+/// Position from the vertex, and direction.
 #[inline(always)]
-fn nearest(block: &Block, ahead_z_mm: f64, lane: usize) -> (Vector, Vector) {
-    let d = block.going(lane);
-    (nearest_to_vertex(block.position(lane), ahead_z_mm, d).0, d)
+fn ray(block: &Block, ahead_z_mm: f64, lane: usize) -> (Vector, Vector) {
+    let [x, y, z] = block.position(lane);
+    ([x, y, z + ahead_z_mm], block.going(lane))
 }
 
 /// Depth of the surface below the rays at a distance along them, and its slope over the radius.
@@ -94,7 +95,7 @@ fn sag_and_slope(
     let Polynomial { c, k, even, odd } = polynomial;
     let (mut square, mut sag_mm) = ([0.0; LANES], [0.0; LANES]);
     for lane in 0..LANES {
-        let (p, d) = nearest(block, ahead_z_mm, lane);
+        let (p, d) = ray(block, ahead_z_mm, lane);
         square[lane] = across(moved(p, distance_mm[lane], d));
     }
     let ([mut value, mut slope], [mut odd_value, mut odd_slope]) = ([[0.0; LANES]; 2], [[0.0; LANES]; 2]);

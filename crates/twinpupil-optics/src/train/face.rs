@@ -20,6 +20,8 @@ pub(crate) struct Face {
     pub(crate) place: Rigid,
     /// From the axes of the face before to its own.
     pub(crate) from_previous: Rigid,
+    /// Whether rays come to it from anywhere.
+    pub(crate) is_first: bool,
 }
 
 /// The shape of a face. `c` is the curvature, 1/mm, `k` the conic constant.

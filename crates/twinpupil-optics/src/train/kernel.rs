@@ -27,7 +27,10 @@ fn pass(face: &Face, block: &mut Block) {
     place(&face.from_previous, block);
     match &face.profile {
         Profile::Plane => act(face, &Flat, block),
-        Profile::Sphere { c } => act(face, &Sphere { c: *c }, block),
+        Profile::Sphere { c } if (c * face.from_previous.origin[2]).abs() < NEAR && !face.is_first => {
+            act(face, &Sphere { c: *c }, block);
+        }
+        Profile::Sphere { c } => act(face, &Conic { c: *c, k: 0.0 }, block),
         Profile::Conic { c, k } => act(face, &Conic { c: *c, k: *k }, block),
         Profile::Cylinder { c, along: 0 } => act(face, &Cylinder::<0> { c: *c }, block),
         Profile::Cylinder { c, .. } => act(face, &Cylinder::<1> { c: *c }, block),
@@ -77,12 +80,13 @@ fn step<S: Surface, B: Bend>(face: &Face, surface: &S, bend: &B, block: &mut Blo
     let mut all_pass = true;
     for lane in 0..LANES {
         let direction = block.going(lane);
-        let (nearest, ahead_mm) = nearest_to_vertex(block.position(lane), ahead_z_mm, direction);
-        let hit = surface.hit(lane, nearest, direction);
-        let place = moved(nearest, hit.distance_mm, direction);
+        let [x, y, z] = block.position(lane);
+        let from_vertex = [x, y, z + ahead_z_mm];
+        let hit = surface.hit(lane, from_vertex, direction);
+        let place = moved(from_vertex, hit.distance_mm, direction);
         let behind = bend.bend(surface, lane, direction, &hit, place);
         all_pass &= surface.is_met(lane, place) & (across(place) <= outer_mm2) & behind.goes_on;
-        block.path_mm[lane] = index.mul_add(ahead_mm + hit.distance_mm, block.path_mm[lane] + behind.path_mm);
+        block.path_mm[lane] = index.mul_add(hit.distance_mm, block.path_mm[lane] + behind.path_mm);
         block.put(lane, place, behind.direction);
     }
     if !all_pass {
@@ -107,13 +111,12 @@ fn lose<S: Surface>(face: &Face, surface: &S, block: &mut Block) {
     }
 }
 
-/// The point of a ray that is nearest to the vertex of the next face, in that one's axes, and how far ahead it lies. From
-/// there nothing cancels, however far the ray has come.
+/// The point of a ray that is nearest to the vertex, and how far ahead it lies. From there nothing cancels, however far the
+/// ray has come.
 #[inline(always)]
-pub(crate) fn nearest_to_vertex([x, y, z]: Vector, ahead_z_mm: f64, direction: Vector) -> (Vector, f64) {
-    let from_vertex = [x, y, z + ahead_z_mm];
-    let ahead_mm = -product(from_vertex, direction);
-    (moved(from_vertex, ahead_mm, direction), ahead_mm)
+fn nearest_to_vertex(position: Vector, direction: Vector) -> (Vector, f64) {
+    let ahead_mm = -product(position, direction);
+    (moved(position, ahead_mm, direction), ahead_mm)
 }
 
 /// a · b, fused.
@@ -142,17 +145,17 @@ fn signed(root: f64, sign: f64) -> f64 {
 
 /// Where a ray meets a surface.
 struct Hit {
-    /// From the point nearest to the vertex, along the ray.
+    /// Along the ray.
     distance_mm: f64,
     /// −direction · normal, which has the sign of d_z, and its square.
     against: f64,
     against_squared: f64,
 }
 
-/// A kind of surface. Points p are those of rays that are nearest to its vertex, so p · d = 0. Normals point against z at
-/// the vertex.
+/// A kind of surface. Its normals point against z at the vertex.
 trait Surface {
-    fn hit(&self, lane: usize, p: Vector, d: Vector) -> Hit;
+    /// Where a ray from x in direction d meets it.
+    fn hit(&self, lane: usize, x: Vector, d: Vector) -> Hit;
 
     /// `direction + t normal`.
     fn along_normal(&self, lane: usize, direction: Vector, t: f64, place: Vector) -> Vector;
@@ -168,8 +171,8 @@ struct Flat;
 
 impl Surface for Flat {
     #[inline(always)]
-    fn hit(&self, _: usize, p: Vector, d: Vector) -> Hit {
-        Hit { distance_mm: -p[2] / d[2], against: d[2], against_squared: d[2] * d[2] }
+    fn hit(&self, _: usize, x: Vector, d: Vector) -> Hit {
+        Hit { distance_mm: -x[2] / d[2], against: d[2], against_squared: d[2] * d[2] }
     }
 
     #[inline(always)]
@@ -188,22 +191,24 @@ impl Surface for Flat {
     }
 }
 
-/// A sphere.
+/// A sphere that rays reach from nearby.
 ///
 /// ```text
-/// c t² − 2 d_z t + c p² − 2 p_z = 0,    ξ² = d_z² − c (c p² − 2 p_z),    cos I = ξ
+/// c t² − 2 b t + q = 0,    b = d_z − c x·d,    q = c x² − 2 z,    cos I = √(b² − c q)
 /// ```
-///
-/// [Welford, Aberrations of Optical Systems, sec. 4.3]
 struct Sphere {
     c: f64,
 }
 
+/// How far away a sphere may be to be reached from where rays are, in radii: b² loses no more than two digits.
+const NEAR: f64 = 4.0;
+
 impl Surface for Sphere {
     #[inline(always)]
-    fn hit(&self, _: usize, p: Vector, d: Vector) -> Hit {
-        let constant = self.c.mul_add(product(p, p), -2.0 * p[2]);
-        solve(d[2], d[2], d[2].mul_add(d[2], -self.c * constant), constant)
+    fn hit(&self, _: usize, x: Vector, d: Vector) -> Hit {
+        let half = (-self.c).mul_add(product(x, d), d[2]);
+        let constant = self.c.mul_add(product(x, x), -2.0 * x[2]);
+        solve(d[2], half, half.mul_add(half, -self.c * constant), constant)
     }
 
     #[inline(always)]
@@ -223,11 +228,13 @@ impl Surface for Sphere {
     }
 }
 
-/// A conic of revolution.
+/// A conic of revolution, reached from the point p nearest to its vertex, where p·d = 0.
 ///
 /// ```text
 /// c (x² + y² + (1 + k) z²) − 2 z = 0
 /// ```
+///
+/// [Welford, Aberrations of Optical Systems, sec. 4.3]
 struct Conic {
     c: f64,
     k: f64,
@@ -235,12 +242,13 @@ struct Conic {
 
 impl Surface for Conic {
     #[inline(always)]
-    fn hit(&self, _: usize, p: Vector, d: Vector) -> Hit {
+    fn hit(&self, _: usize, x: Vector, d: Vector) -> Hit {
         let Self { c, k } = *self;
+        let (p, ahead_mm) = nearest_to_vertex(x, d);
         let constant = c.mul_add(product(p, p) + k * p[2] * p[2], -2.0 * p[2]);
         let half = (-c * k * p[2]).mul_add(d[2], d[2]);
         let quadratic = c * (k * d[2]).mul_add(d[2], 1.0);
-        solve(d[2], half, half.mul_add(half, -quadratic * constant), constant)
+        solve(d[2], half, half.mul_add(half, -quadratic * constant), constant).after(ahead_mm)
     }
 
     #[inline(always)]
@@ -268,12 +276,13 @@ struct Cylinder<const ALONG: usize> {
 
 impl<const ALONG: usize> Surface for Cylinder<ALONG> {
     #[inline(always)]
-    fn hit(&self, _: usize, p: Vector, d: Vector) -> Hit {
+    fn hit(&self, _: usize, x: Vector, d: Vector) -> Hit {
         let c = self.c;
+        let (p, ahead_mm) = nearest_to_vertex(x, d);
         let constant = c.mul_add(p[ALONG] * p[ALONG] + p[2] * p[2], -2.0 * p[2]);
         let half = d[2] - c * (p[ALONG] * d[ALONG] + p[2] * d[2]);
         let quadratic = c * (d[ALONG] * d[ALONG] + d[2] * d[2]);
-        solve(d[2], half, half.mul_add(half, -quadratic * constant), constant)
+        solve(d[2], half, half.mul_add(half, -quadratic * constant), constant).after(ahead_mm)
     }
 
     #[inline(always)]
@@ -302,11 +311,19 @@ fn solve(forward: f64, half: f64, square: f64, constant: f64) -> Hit {
     Hit { distance_mm: constant / (half + root), against: root, against_squared: square }
 }
 
+impl Hit {
+    /// Of a ray that starts farther back.
+    #[inline(always)]
+    fn after(self, ahead_mm: f64) -> Self {
+        Self { distance_mm: ahead_mm + self.distance_mm, ..self }
+    }
+}
+
 impl Surface for Met {
     #[inline(always)]
-    fn hit(&self, lane: usize, p: Vector, d: Vector) -> Hit {
+    fn hit(&self, lane: usize, x: Vector, d: Vector) -> Hit {
         let distance_mm = self.distance_mm[lane];
-        let against = -product(self.normal(lane, moved(p, distance_mm, d)), d);
+        let against = -product(self.normal(lane, moved(x, distance_mm, d)), d);
         Hit { distance_mm, against, against_squared: against * against }
     }
 

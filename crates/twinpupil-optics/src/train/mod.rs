@@ -81,6 +81,7 @@ impl Train {
                     axis,
                     place,
                     from_previous: Rigid::IDENTITY,
+                    is_first: false,
                 });
             }
             axis = axis.shifted([0.0, 0.0, surface.gap_mm]);
@@ -95,6 +96,7 @@ impl Train {
             axis,
             place: axis,
             from_previous: Rigid::IDENTITY,
+            is_first: false,
         });
         Ok(Self { faces: linked(faces) })
     }
@@ -116,6 +118,7 @@ impl Train {
             axis,
             place: axis,
             from_previous: Rigid::IDENTITY,
+            is_first: false,
         };
         self.faces.insert(if in_front { at } else { at + 1 }, face);
         Self { faces: linked(self.faces) }
@@ -201,6 +204,7 @@ impl Train {
 /// With the way from each face to the next.
 fn linked(mut faces: Vec<Face>) -> Vec<Face> {
     for k in 0..faces.len() {
+        faces[k].is_first = k == 0;
         faces[k].from_previous = match k.checked_sub(1) {
             Some(previous) => faces[k].place.from(&faces[previous].place),
             None => Rigid::IDENTITY,
