@@ -38,6 +38,7 @@ mod stop;
 mod text;
 mod thin;
 mod train;
+mod zmx;
 
 pub use camera::{BandOptics, Camera, OpticsError};
 pub use catalogue::Catalogue;
@@ -51,3 +52,4 @@ pub use response::{response_grids, response_table, response_table_for};
 pub use train::{
     ChromaticSums, Fate, FateLedger, Field, FirstOrder, Mask, Pupil, Ray, Rays, SeidelSums, SurfaceLosses, Train,
 };
+pub use zmx::{Beam, FieldPoint, ZmxLens};

@@ -4,3 +4,4 @@ mod double_gauss;
 mod other_programs;
 mod properties;
 mod published;
+mod zmx;
