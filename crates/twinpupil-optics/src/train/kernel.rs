@@ -30,7 +30,7 @@ fn pass(face: &Face, block: &mut Block) {
         Profile::Sphere { c } if (c * face.from_previous.origin[2]).abs() < NEAR && !face.is_first => {
             act(face, &Sphere { c: *c }, block);
         }
-        Profile::Sphere { c } => act(face, &Conic { c: *c, k: 0.0 }, block),
+        Profile::Sphere { c } => act(face, &FarSphere { near: Sphere { c: *c } }, block),
         Profile::Conic { c, k } => act(face, &Conic { c: *c, k: *k }, block),
         Profile::Cylinder { c, along: 0 } => act(face, &Cylinder::<0> { c: *c }, block),
         Profile::Cylinder { c, .. } => act(face, &Cylinder::<1> { c: *c }, block),
@@ -77,7 +77,8 @@ fn act<S: Surface>(face: &Face, surface: &S, block: &mut Block) {
 #[inline(always)]
 fn step<S: Surface, B: Bend>(face: &Face, surface: &S, bend: &B, block: &mut Block) {
     let ([_, outer_mm2], ahead_z_mm, index) = (face.clear.squares_mm2, face.from_previous.origin[2], face.index_before);
-    let mut all_pass = true;
+    // As wide as the lanes, which a `bool` would first have to be packed into.
+    let mut lost = 0_u64;
     for lane in 0..LANES {
         let direction = block.going(lane);
         let [x, y, z] = block.position(lane);
@@ -85,11 +86,12 @@ fn step<S: Surface, B: Bend>(face: &Face, surface: &S, bend: &B, block: &mut Blo
         let hit = surface.hit(lane, from_vertex, direction);
         let place = moved(from_vertex, hit.distance_mm, direction);
         let behind = bend.bend(surface, lane, direction, &hit, place);
-        all_pass &= surface.is_met(lane, place) & (across(place) <= outer_mm2) & behind.goes_on;
+        let passes = surface.is_met(lane, place) & (across(place) <= outer_mm2) & behind.goes_on;
+        lost |= if passes { 0 } else { 1 };
         block.path_mm[lane] = index.mul_add(hit.distance_mm, block.path_mm[lane] + behind.path_mm);
         block.put(lane, place, behind.direction);
     }
-    if !all_pass {
+    if lost != 0 {
         lose(face, surface, block);
     }
 }
@@ -228,13 +230,47 @@ impl Surface for Sphere {
     }
 }
 
-/// A conic of revolution, reached from the point p nearest to its vertex, where p·d = 0.
+/// A sphere that rays reach from afar, by way of the point p nearest to its vertex, where p·d = 0.
+///
+/// ```text
+/// c t² − 2 d_z t + c p² − 2 p_z = 0
+/// ```
+///
+/// [Welford, Aberrations of Optical Systems, sec. 4.3]
+struct FarSphere {
+    near: Sphere,
+}
+
+impl Surface for FarSphere {
+    #[inline(always)]
+    fn hit(&self, _: usize, x: Vector, d: Vector) -> Hit {
+        let c = self.near.c;
+        let (p, ahead_mm) = nearest_to_vertex(x, d);
+        let constant = c.mul_add(product(p, p), -2.0 * p[2]);
+        solve(d[2], d[2], d[2].mul_add(d[2], -c * constant), constant).after(ahead_mm)
+    }
+
+    #[inline(always)]
+    fn along_normal(&self, lane: usize, direction: Vector, t: f64, place: Vector) -> Vector {
+        self.near.along_normal(lane, direction, t, place)
+    }
+
+    #[inline(always)]
+    fn normal_squared(&self, lane: usize, place: Vector) -> f64 {
+        self.near.normal_squared(lane, place)
+    }
+
+    #[inline(always)]
+    fn is_met(&self, lane: usize, place: Vector) -> bool {
+        self.near.is_met(lane, place)
+    }
+}
+
+/// A conic of revolution, reached in the same way.
 ///
 /// ```text
 /// c (x² + y² + (1 + k) z²) − 2 z = 0
 /// ```
-///
-/// [Welford, Aberrations of Optical Systems, sec. 4.3]
 struct Conic {
     c: f64,
     k: f64,

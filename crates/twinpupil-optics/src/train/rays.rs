@@ -4,7 +4,7 @@ use super::fate::{Code, Fate, FateLedger};
 use crate::refraction::Vector;
 
 /// Rays that are followed together through all surfaces: their few numbers stay in the first-level cache.
-pub(crate) const LANES: usize = 64;
+pub(crate) const LANES: usize = 128;
 
 /// A ray where it meets a surface, in that surface's own axes: origin at the vertex, z along the light.
 #[derive(Debug, Clone, Copy, PartialEq)]
