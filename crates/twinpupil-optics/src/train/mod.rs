@@ -10,6 +10,7 @@ mod face;
 mod fate;
 mod first_order;
 mod kernel;
+mod outline;
 mod rays;
 mod rigid;
 mod seidel;

@@ -85,6 +85,24 @@ proptest! {
     }
 
     #[test]
+    fn places_lie_on_the_surfaces_that_are_drawn(lens in lens(), ray in ray()) {
+        let upright = lens.surfaces.iter().map(|surface| SurfaceSpec {
+            decentre_mm: [0.0; 2],
+            tilt_deg: [0.0; 3],
+            ..surface.clone()
+        });
+        let train = train(&made(upright.collect()));
+        let flat = Ray::new([0.0, ray.position_mm[1], ray.position_mm[2]], [0.0, ray.direction[1], ray.direction[2]]);
+        let (met, _) = train.path(&flat);
+        for (k, place) in train.in_lens_axes(&met).into_iter().enumerate() {
+            let height_mm = met[k].position_mm[1].abs();
+            let section = train.section(k, height_mm, 2);
+            let is_on = section.iter().any(|point| (0..3).all(|c| (point[c] - place[c]).abs() < 1e-9));
+            prop_assert!(is_on, "{section:?} {place:?}");
+        }
+    }
+
+    #[test]
     fn directions_stay_of_unit_length(lens in lens(), ray in ray()) {
         for met in train(&lens).path(&ray).0 {
             let square: f64 = met.direction.iter().map(|c| c * c).sum();
