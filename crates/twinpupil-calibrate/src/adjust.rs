@@ -344,19 +344,23 @@ impl Problem<'_> {
 }
 
 /// How far the forward model's images may be from those of the real masks: u, v, radius and blur, px. The light across an
-/// edge is modelled to some thousandths of a pixel, alike for all dots of a frame, so that many dots make it no better:
+/// edge is modelled to a thousandth of a pixel, alike for all dots of a frame, so that many dots make it no better:
 /// radius and blur count for less than their noise would have them.
-const MODEL_STD_PX: [f64; 4] = [7e-4, 7e-4, 0.03, 0.03];
+const MODEL_STD_PX: [f64; 4] = [4e-4, 4e-4, 5e-3, 1e-2];
+
+/// The same where the masks cut the light, near the axis.
+const CUT_STD_PX: [f64; 4] = [5e-3, 5e-3, 5e-2, 5e-2];
 
 impl Observation {
     /// With what the model may be wrong by added to the noise: of the covariance `S⁻¹ + F` the inverse is
     /// `S − S (S + F⁻¹)⁻¹ S`, even where S has none. `None` if S is no information, as of a dot of which the masks leave
     /// next to nothing.
-    pub(crate) fn with_model_error(self) -> Option<Self> {
+    pub(crate) fn with_model_error(self, is_cut: bool) -> Option<Self> {
         const LEAST: f64 = -1e-6;
+        let std_px = if is_cut { CUT_STD_PX } else { MODEL_STD_PX };
         let eigenvalues = self.information.symmetric_eigenvalues();
         let is_information = eigenvalues.max() > 0.0 && eigenvalues.min() > LEAST * eigenvalues.max();
-        let model = Matrix4::from_diagonal(&Vector4::from(MODEL_STD_PX.map(|std| std.powi(-2))));
+        let model = Matrix4::from_diagonal(&Vector4::from(std_px.map(|std| std.powi(-2))));
         let factor = (self.information + model).cholesky().filter(|_| is_information)?;
         Some(Self {
             information: self.information - self.information * factor.solve(&self.information),

@@ -268,7 +268,7 @@ impl Own {
                 score: score.score,
                 information: score.information,
             }
-            .with_model_error()?;
+            .with_model_error(score.is_cut)?;
             let mut to_dot = Matrix4::zeros();
             to_dot.fixed_columns_mut::<3>(0).copy_from(&gradient.fixed_columns::<3>(CAMERA_SLOTS + 3));
             to_dot.set_column(3, &gradient.column(Slot::Diameter as usize));

@@ -498,7 +498,7 @@ impl Calibrator<'_> {
                         score: score.score,
                         information: score.information,
                     }
-                    .with_model_error();
+                    .with_model_error(score.is_cut);
                     let fitness = Fitness { chi2: score.chi2, used_px: score.used_px };
                     observations.extend(observation.map(|observation| (observation, fitness)));
                 }

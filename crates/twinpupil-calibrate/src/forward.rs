@@ -65,8 +65,8 @@ pub(crate) fn spot(slots: &Slots, view: &View) -> (Vector4<f64>, Gradient) {
 ///
 /// The lens's distortion moves p on the plane at L; a leaning sensor is met by the chief ray, of slope
 /// e = (p + lens height)/L, at p + e h with h = τ·p/(1 − τ·e), and there L counts as L + h. The image of a disc of
-/// radius ϱ that leans by θ along the unit vector k is an ellipse, centred `m′ ϱ² (k sinθ cosθ + (m′/m) X sin²θ)` beside
-/// the image of its centre.
+/// radius ϱ that leans by θ along the unit vector k is an ellipse, centred `m′ ϱ² (k sinθ cosθ + (p′/m) sin²θ)` beside the
+/// image of its centre; dashes are changes with z.
 fn image<D: DualNum<f64> + Copy>(slots: &SVector<D, SLOTS>, view: &View) -> SVector<D, 4> {
     let at = |slot: Slot| slots[slot as usize];
     let (l, f, d) = (at(Slot::SensorDistance), at(Slot::FocalLength), at(Slot::PupilPosition));
@@ -89,10 +89,11 @@ fn image<D: DualNum<f64> + Copy>(slots: &SVector<D, SLOTS>, view: &View) -> SVec
     let local_l = l + h;
     let radius = at(Slot::Diameter) * (0.5 * view.diameter_mm);
     let m_slope = -(b * m / cone);
-    let relative = m_slope / m;
+    let s_slope = -((-(l / f) + 1.0 + b * s) / cone);
     let beside = m_slope * radius * radius;
     let across = [0, 1].map(|k| {
-        let off = beside * (placed.lean[k] + relative * placed.centre[k] * placed.sin2);
+        let drift = m_slope * placed.centre[k] + s_slope * pupil[k];
+        let off = beside * (placed.lean[k] + drift / m * placed.sin2);
         [px, py][k] + e[k] * h + off
     });
     // Pixels are counted along the sensor's surface, which is longer the way it leans.

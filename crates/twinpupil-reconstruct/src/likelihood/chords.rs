@@ -75,15 +75,23 @@ pub(crate) struct Circles {
 
 /// A dot behind the pupil of each sample: `|g₀ + g₁ y| ≤ h₀ + h₁ y` on the line at x, with g₀ and h₀ linear in x.
 ///
-/// On a surface that slopes, a pencil meets the dot as a central projection of the pupil, see
-/// [`Pencil::skew`](crate::likelihood::pencil::Pencil::skew).
+/// On a surface that slopes, a pencil meets the dot as a central projection of the pupil. The dot's point e is imaged at
+/// `p = (N e + (b + b′ e₁) w)/(1 + δ e₁)` through the point w of the pupil, where the image of the dot's centre is 0. Solved
+/// for e, and seen from the centre of the outline, `a = p + δ N e₁`, with the blur B there and its growth `∇B = N⁻ᵀ e₁
+/// (b′ − δ b)` the dot is, to first order in δ,
+///
+/// ```text
+/// |N⁻¹ (a (1 + ∇B·w) − w (B + ∇B·a))| ≤ 1 + ∇B·w
+/// ```
+///
+/// Here w is turned about, so that it counts along the image.
 pub(crate) struct Dots {
     start: [Lanes; 2],
     across: [Lanes; 2],
     along: [Lanes; 2],
     radius_px: f32,
-    skew_across: Lanes,
-    skew_along: Lanes,
+    growth_across: Lanes,
+    growth_along: Lanes,
     /// The lines that may meet it.
     low: Lanes,
     high: Lanes,
@@ -106,7 +114,35 @@ impl Edges {
     }
 }
 
+/// `xx x² + 2 xy x y + yy y² + 2 x x + 2 y y + one`.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Conic {
+    pub(crate) xx: f32,
+    pub(crate) xy: f32,
+    pub(crate) yy: f32,
+    pub(crate) x: f32,
+    pub(crate) y: f32,
+    pub(crate) one: f32,
+}
+
 impl Dots {
+    /// Negative where the dot is, in units of its squared radius.
+    #[inline(always)]
+    pub(crate) fn conic(&self, lane: usize) -> Conic {
+        let per_radius = 1.0 / self.radius_px;
+        let of = |vectors: &[Lanes; 2]| vectors.each_ref().map(|component| component[lane] * per_radius);
+        let ([sx, sy], [ax, ay], [bx, by]) = (of(&self.start), of(&self.across), of(&self.along));
+        let (g, h) = (self.growth_across[lane], self.growth_along[lane]);
+        Conic {
+            xx: ax * ax + ay * ay - g * g,
+            xy: ax * bx + ay * by - g * h,
+            yy: bx * bx + by * by - h * h,
+            x: sx * ax + sy * ay + g,
+            y: sx * bx + sy * by + h,
+            one: sx * sx + sy * sy - 1.0,
+        }
+    }
+
     /// Seen from places that lie so far outwards of the samples.
     #[inline(always)]
     pub(crate) fn behind(local: &Local, edges: &Edges, outwards_px: &Lanes) -> Self {
@@ -116,8 +152,8 @@ impl Dots {
             across: [[0.0; LANES]; 2],
             along: [[0.0; LANES]; 2],
             radius_px: local.radius_px,
-            skew_across: [0.0; LANES],
-            skew_along: [0.0; LANES],
+            growth_across: [0.0; LANES],
+            growth_along: [0.0; LANES],
             low: [-1.0; LANES],
             high: [1.0; LANES],
         };
@@ -127,17 +163,17 @@ impl Dots {
             let turn = |u: f32, v: f32| [xx * u + xy * v, yx * u + yy * v];
             let start = turn(u, v);
             let blur_px = local.blur_px + local.blur_growth_px * start[0] / local.radius_px;
-            let skew_across = local.skew[0] * cos + local.skew[1] * sin;
-            let skew_along = local.skew[1] * cos - local.skew[0] * sin;
-            let across = turn(blur_px * cos - skew_across * u, blur_px * sin - skew_across * v);
-            let along = turn(-blur_px * sin - skew_along * u, blur_px * cos - skew_along * v);
+            let [growth_u, growth_v] = local.blur_gradient;
+            let (growth_across, growth_along) = (growth_u * cos + growth_v * sin, growth_v * cos - growth_u * sin);
+            let across = turn(blur_px * cos - growth_across * u, blur_px * sin - growth_across * v);
+            let along = turn(-blur_px * sin - growth_along * u, blur_px * cos - growth_along * v);
             for axis in 0..2 {
                 dots.start[axis][lane] = start[axis];
                 dots.across[axis][lane] = across[axis];
                 dots.along[axis][lane] = along[axis];
             }
-            dots.skew_across[lane] = skew_across;
-            dots.skew_along[lane] = skew_along;
+            dots.growth_across[lane] = growth_across;
+            dots.growth_along[lane] = growth_along;
             // No line beyond the edge's tangent meets the dot.
             let edge = &edges.view[lane];
             let reach = ((1.0 - edge.q) * edge.px - outwards_px) / blur_px;
@@ -156,7 +192,7 @@ impl Dots {
             let x = x[lane];
             let g0 = [0, 1].map(|axis: usize| self.start[axis][lane] + self.across[axis][lane] * x);
             let g1 = [0, 1].map(|axis: usize| self.along[axis][lane]);
-            let (h0, h1) = (r * (1.0 - self.skew_across[lane] * x), -r * self.skew_along[lane]);
+            let (h0, h1) = (r * (1.0 - self.growth_across[lane] * x), -r * self.growth_along[lane]);
             let a = (g1[0] * g1[0] + g1[1] * g1[1] - h1 * h1).max(1e-12);
             let b = g0[0] * g1[0] + g0[1] * g1[1] - h0 * h1;
             let c = g0[0] * g0[0] + g0[1] * g0[1] - h0 * h0;

@@ -85,7 +85,9 @@ pub(crate) fn slanted(spot: &Spot, local: &Local, places: &Places, out: &mut Lig
     meetings.touched.clear();
     meetings.touched.resize(places.len(), 1.0);
     meetings.find(local, places);
-    slanted_soft(local, Points::of(spot), places, &meetings.soft, out);
+    // An outline that is more curved than the blur may cross the pupil's rim four times.
+    let is_wide = spot.blur_px_max() < (1.0 - spot.foreshortening()).powi(2) * spot.radius_px;
+    slanted_soft(local, Points::of(spot), is_wide, places, &meetings.soft, out);
     out.meetings = meetings;
 }
 
@@ -304,25 +306,34 @@ impl Points {
             Self::Two => ([HALF_WIDTH_PX; LANES], [0.5; LANES]),
             Self::Three => (edges.of_pixels(|(step_px, _)| step_px), edges.of_pixels(|(_, side)| side)),
         };
-        let mean_at = |steps: f32| {
-            let outwards_px = lanes(|lane| steps * step_px[lane] + edges.view[lane].curvature_px());
-            share(&Dots::behind(local, edges, &outwards_px))
-        };
-        let (inner, outer) = (mean_at(-1.0), mean_at(1.0));
+        let inner = share(&Dots::stepped(local, edges, &step_px, -1.0));
+        let outer = share(&Dots::stepped(local, edges, &step_px, 1.0));
         let sides = lanes(|lane| side[lane] * (inner[lane] + outer[lane]));
         if self == Self::Two {
             return sides;
         }
-        let middle = mean_at(0.0);
+        let middle = share(&Dots::stepped(local, edges, &step_px, 0.0));
         lanes(|lane| sides[lane] + (1.0 - 2.0 * side[lane]) * middle[lane])
     }
 }
 
+impl Dots {
+    /// Seen from so many steps outwards of the pixels' middles, which the curvature of the edge moves a little.
+    #[inline(always)]
+    fn stepped(local: &Local, edges: &Edges, step_px: &Lanes, steps: f32) -> Self {
+        Self::behind(local, edges, &lanes(|lane| steps * step_px[lane] + edges.view[lane].curvature_px()))
+    }
+}
+
 #[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
-fn slanted_soft(local: &Local, points: Points, places: &Places, indices: &[u32], out: &mut Light) {
+fn slanted_soft(local: &Local, points: Points, is_wide: bool, places: &Places, indices: &[u32], out: &mut Light) {
     for indices in indices.chunks(LANES) {
         let edges = Edges::of(local, places, indices);
-        let light = points.mean(local, &edges, |dots| share(Some(dots), &[]));
+        let light = if is_wide {
+            points.mean(local, &edges, |dots| dots.meeting())
+        } else {
+            points.mean(local, &edges, |dots| share(Some(dots), &[]))
+        };
         for (lane, index) in indices.iter().enumerate() {
             out.light[*index as usize] = light[lane];
         }

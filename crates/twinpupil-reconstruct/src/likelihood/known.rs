@@ -46,6 +46,8 @@ pub struct SpotScore {
     pub used_px: usize,
     /// Pixels that were left out: saturated, dead or foreign.
     pub masked_px: usize,
+    /// Whether the masks take some of the dot's light.
+    pub is_cut: bool,
 }
 
 impl ForwardModel {
@@ -94,5 +96,6 @@ fn score(light: &BandLight) -> Option<SpotScore> {
         chi2: light.normal.chi2,
         used_px: light.normal.used,
         masked_px: light.normal.masked,
+        is_cut: light.spot.is_clipped(),
     })
 }

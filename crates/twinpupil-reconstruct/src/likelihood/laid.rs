@@ -68,7 +68,6 @@ impl Spot {
         self.radius_px *= scale;
         self.blur_px = (self.blur_px + drift_mm / pitch_mm) * scale;
         self.blur_growth_px *= scale;
-        self.skew = times(turn, self.skew);
         self.shape = product(slope.map(|row| row.map(|entry| entry / px_per_mm)), self.shape);
         self.inverse = inverse(self.shape);
         self.pitch_mm = 1.0 / px_per_mm;

@@ -19,6 +19,7 @@ pub(crate) mod pencil;
 mod profile;
 pub(crate) mod refine;
 mod samples;
+mod segment;
 mod sharp;
 mod soft;
 pub(crate) mod spot;

@@ -35,7 +35,7 @@ pub(crate) struct Curve {
 impl Outline {
     /// Of a spot, none of whose ways through the masks matters.
     pub(crate) fn of(spot: &Spot) -> Self {
-        let [skew_u, skew_v] = spot.skew;
+        let [growth_u, growth_v] = spot.blur_gradient();
         let [[a, b], [c, d]] = spot.inverse;
         let scale = |matrix: Matrix2, by: f64| matrix.map(|row| row.map(|value| by * value));
         // The longer half axis of the inverse is one over the shorter of the outline.
@@ -46,7 +46,7 @@ impl Outline {
             axes_px: scale(spot.shape, spot.radius_px),
             per_px: scale(spot.inverse, 1.0 / spot.radius_px),
             shorter_px: spot.radius_px / steepest.max(1e-12),
-            reach_px: spot.blur_px_max() * (1.0 + skew_u.hypot(skew_v)) + PIXEL_REACH_PX,
+            reach_px: spot.blur_px_max() * (1.0 + growth_u.hypot(growth_v)) + PIXEL_REACH_PX,
         }
     }
 

@@ -14,8 +14,6 @@
 use smallvec::SmallVec;
 use twinpupil_instrument::{Band, Instrument, Projection};
 
-use crate::likelihood::spot::Dot;
-
 /// A vector in a plane across the axis.
 pub(crate) type Vector2 = [f64; 2];
 
@@ -81,28 +79,6 @@ impl Pencil {
         let Projection { focal_length_mm: f, sensor_distance_mm: l, pupil_radius_mm, pupil_position_mm: t, .. } =
             self.projection;
         (1.0 + z_mm / l - z_mm / f) * pupil_radius_mm / lens_share(t, l, f)
-    }
-
-    /// How much farther out the rays of a pencil meet a sloping surface on its far side, relative to where they would
-    /// meet one across the axis, per unit of the pupil.
-    ///
-    /// A pencil with the slopes n + ν w meets the surface of slope s at `X = X₀ + B w / (1 − κ·w)`, κ = ν s/(1 − s·n).
-    pub(crate) fn skew(&self, dot: &Dot) -> f64 {
-        let Projection { focal_length_mm: f, sensor_distance_mm: l, pupil_radius_mm, pupil_position_mm: t, .. } =
-            self.projection;
-        let [x_mm, y_mm, z_mm] = dot.centre_mm;
-        let [sx, sy] = dot.slopes;
-        let spread = pupil_radius_mm / lens_share(t, l, f) * (1.0 / l - 1.0 / f);
-        let image = self.projection.image(dot.centre_mm);
-        let chief = |image_mm: f64, at_mm: f64| (at_mm - self.chief_lens_mm(image_mm)) / z_mm;
-        let along = sx * chief(image.x_mm, x_mm) + sy * chief(image.y_mm, y_mm);
-        spread * sx.hypot(sy) / (1.0 - along)
-    }
-
-    /// Where the middle of the pencil of an image point crosses the lens, mm; the pupil counts as centred.
-    fn chief_lens_mm(&self, image_mm: f64) -> f64 {
-        let Projection { focal_length_mm: f, sensor_distance_mm: l, pupil_position_mm: t, .. } = self.projection;
-        t / l * image_mm / lens_share(t, l, f)
     }
 
     /// Radius of the image of a point at distance z, which the band images with `magnification`, mm; negative if the

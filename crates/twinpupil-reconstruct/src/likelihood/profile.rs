@@ -214,7 +214,7 @@ mod tests {
                 radius_px: RADIUS_PX,
                 blur_px: -blur_px,
                 blur_growth_px: 0.0,
-                skew: [0.0; 2],
+                blur_gradient: [0.0; 2],
                 skewed_px: [0.0; 2],
             };
             let mut places = Places::default();

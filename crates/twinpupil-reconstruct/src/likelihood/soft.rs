@@ -136,7 +136,7 @@ fn reach(depth: f32) -> (f32, f32) {
 
 /// Angle of the point (x, y), y ≥ 0, from 0 to π; 4·10⁻⁸ off at most.
 #[inline(always)]
-fn angle(y: f32, x: f32) -> f32 {
+pub(crate) fn angle(y: f32, x: f32) -> f32 {
     let steep = y > x.abs();
     let ratio = y.min(x.abs()) / y.max(x.abs()).max(1e-30);
     let arc = arc_tangent(ratio);

@@ -23,8 +23,6 @@ pub(crate) struct Spot {
     pub(crate) blur_px: f64,
     /// Growth of the blur from the centre to the end of the unit disc's first axis, px.
     pub(crate) blur_growth_px: f64,
-    /// [`Pencil::skew`], along u and v.
-    pub(crate) skew: Vector2,
     /// From the unit disc to the image, over the radius.
     pub(crate) shape: Matrix2,
     pub(crate) inverse: Matrix2,
@@ -79,7 +77,7 @@ impl Spot {
         let radius_mm = 0.5 * dot.diameter_mm;
         let tilt = Tilt::of(dot.slopes);
         let magnification_slope = change.magnification / image.magnification;
-        let shape = tilt.shape([magnification_slope * x_mm, magnification_slope * y_mm]);
+        let shape = tilt.shape([change.x_mm, change.y_mm].map(|drift| drift / image.magnification));
         let radius_px = (image.magnification * radius_mm).abs() * per_px;
         let outwards = aberration_mm / (x_mm * x_mm + y_mm * y_mm).sqrt().max(1e-9);
         // In units of the radius along the first axis of the unit disc.
@@ -88,13 +86,11 @@ impl Spot {
             raster.axis_px[0] + (image.x_mm + outwards * x_mm) * per_px + off_centre * shape[0][0],
             raster.axis_px[1] + (image.y_mm + outwards * y_mm) * per_px + off_centre * shape[1][0],
         ];
-        let skew = if tilt.sin == 0.0 { 0.0 } else { pencil.skew(dot) };
         let mut spot = Self {
             centre_px,
             radius_px,
             blur_px: image.blur_mm * per_px,
             blur_growth_px: change.blur_mm * tilt.sin * radius_mm * per_px,
-            skew: tilt.steepest.map(|component| component * skew),
             shape,
             inverse: inverse(shape),
             ways: Ways::new(),
@@ -153,10 +149,17 @@ impl Spot {
         (self.blur_px.abs() - self.blur_growth_px.abs()).max(0.0)
     }
 
-    /// Where the middle of the light lies beside the image of the dot's, px: the blur grows from the near to the far
-    /// side of a sloping surface.
+    /// Growth of the blur along u and v, px per px.
+    pub(crate) fn blur_gradient(&self) -> Vector2 {
+        self.inverse[0].map(|along| self.blur_growth_px * along / self.radius_px)
+    }
+
+    /// How far the light lies beside where kernels have it that take the blur where the edge is nearest, px.
+    ///
+    /// The point e of the dot is imaged at `P(e) + B(e) w` through the point w of the pupil, so the middle of the light
+    /// lies `¼ B ∇B` beside that of the outline. Those kernels have it twice as far.
     pub(crate) fn skewed_px(&self) -> Vector2 {
-        self.skew.map(|skew| -0.25 * self.blur_px * skew)
+        self.blur_gradient().map(|growth| -0.25 * self.blur_px * growth)
     }
 
     /// A position on the page in mm from the axis, along u and v.
@@ -230,11 +233,11 @@ impl Tilt {
         Self { steepest, sin: slope * cos, cos }
     }
 
-    /// `R diag(cosθ, 1) + (m′/m) x ⊗ (sinθ, 0)`: foreshortening along the first axis, and what the change of
-    /// magnification with depth adds to it.
-    fn shape(&self, magnified: Vector2) -> Matrix2 {
+    /// `R diag(cosθ, 1) + (p′/m) ⊗ (sinθ, 0)`: foreshortening along the first axis, and what the drift p′ of the image
+    /// with depth adds to it, over the magnification.
+    fn shape(&self, drift: Vector2) -> Matrix2 {
         let [ux, uy] = self.steepest;
-        [[ux * self.cos + magnified[0] * self.sin, -uy], [uy * self.cos + magnified[1] * self.sin, ux]]
+        [[ux * self.cos + drift[0] * self.sin, -uy], [uy * self.cos + drift[1] * self.sin, ux]]
     }
 }
 
