@@ -83,6 +83,12 @@ const EASIER: f64 = 0.1;
 const HARDER: f64 = 10.0;
 const DAMPING: [f64; 3] = [1e-12, 1e-4, 1e12];
 
+/// Larger steps are not trusted: of an unknown in its prior deviations, of a pose's turn, rad, and of its place over its
+/// distance.
+const STEP_SIGMAS_MAX: f64 = 3.0;
+const TURN_RAD_MAX: f64 = 0.3;
+const SHIFT_MAX: f64 = 0.2;
+
 /// What a frame's observations say: of what all frames share, of its pose, and of both together.
 struct Share {
     shared: DMatrix<f64>,
@@ -139,6 +145,7 @@ impl Problem<'_> {
     fn step(&self, state: &State, shares: &[Share], damping: f64, cost: f64) -> Option<(State, Vec<Share>, f64)> {
         let reduced = self.reduced(state, shares, damping)?;
         let shared = reduced.factor.solve(&reduced.score);
+        let mut is_trusted = shared.rows(0, self.unknowns.len()).amax() < STEP_SIGMAS_MAX;
         let mut next = state.clone();
         for ((value, unknown), step) in next.values.iter_mut().zip(self.unknowns).zip(shared.iter()) {
             *value += step * unknown.prior_std;
@@ -153,11 +160,11 @@ impl Problem<'_> {
             let Some(inverse) = inverse else { continue };
             let left = share.pose_score - share.mixed.transpose() * &shared;
             let step: Vector6<f64> = inverse * left;
-            *pose = pose.moved(step.fixed_rows::<3>(0).into_owned(), step.fixed_rows::<3>(3).into_owned());
+            let (turn, shift) = (step.fixed_rows::<3>(0).into_owned(), step.fixed_rows::<3>(3).into_owned());
+            is_trusted &= turn.norm() < TURN_RAD_MAX && shift.norm() < SHIFT_MAX * pose.translation_mm.z;
+            *pose = pose.moved(turn, shift);
         }
-        let is_sound = next.values.iter().all(|value| value.is_finite())
-            && next.poses.iter().all(|pose| pose.translation_mm.z > 0.0 && pose.translation_mm.norm().is_finite());
-        if !is_sound {
+        if !is_trusted {
             return None;
         }
         let next_shares = self.shares(&next);
@@ -344,12 +351,12 @@ impl Problem<'_> {
 }
 
 /// How far the forward model's images may be from those of the real masks: u, v, radius and blur, px. The light across an
-/// edge is modelled to a thousandth of a pixel, alike for all dots of a frame, so that many dots make it no better:
+/// edge is modelled to some ten-thousandths of a pixel, alike for all dots of a frame, so that many dots make it no better:
 /// radius and blur count for less than their noise would have them.
-const MODEL_STD_PX: [f64; 4] = [4e-4, 4e-4, 5e-3, 1e-2];
+const MODEL_STD_PX: [f64; 4] = [2e-4, 2e-4, 3e-3, 8e-3];
 
 /// The same where the masks cut the light, near the axis.
-const CUT_STD_PX: [f64; 4] = [5e-3, 5e-3, 5e-2, 5e-2];
+const CUT_STD_PX: [f64; 4] = [2.5e-3, 2.5e-3, 2.5e-2, 2.5e-2];
 
 impl Observation {
     /// With what the model may be wrong by added to the noise: of the covariance `S⁻¹ + F` the inverse is

@@ -214,7 +214,7 @@ impl AxisFinder<'_> {
                 pair.into_iter().zip(signs.iter().zip([point.telecentric, point.entocentric]))
             {
                 let Feature { height_codes, ground_codes, .. } = feature;
-                lights[band] = Some(KnownLight { contrast_codes: sign * height_codes, ground_codes });
+                lights[band] = Some(KnownLight { contrast_codes: sign * height_codes, ground_codes, is_fitted: false });
             }
             KnownDot { centre_mm: point.position_mm, slopes, diameter_mm: point.diameter_mm, lights }
         };

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use thiserror::Error;
 use twinpupil_instrument::check::ValueError;
 use twinpupil_instrument::{Band, Frame, Instrument, PixelPoint, Projection, Role};
-use twinpupil_reconstruct::{Detection, KnownDot, KnownLight, Polarity, Reconstructor};
+use twinpupil_reconstruct::{Detection, KnownDot, KnownLight, Polarity, Reconstructor, SpotScore};
 
 use crate::adjust::{Adjusted, BandCamera, Dots, Observation, Problem, State};
 use crate::camera::cameras;
@@ -168,7 +168,7 @@ impl Calibrator<'_> {
         let reader = (self.reader)(self.instrument).map_err(CalibrateError::Foreign)?;
         let (mut seen, mut faults) = self.find(&reader, frames)?;
         let mut now = self.first(&reader, &unknowns, &mut seen, &mut faults)?;
-        let mut comparison = self.compare(&mut now, &seen, 0)?;
+        let mut comparison = self.compare(&mut now, &seen, &[], 0)?;
         for round in 1..=COMPARISONS {
             let next = self.adjust(&now, &unknowns, &comparison.observations, None)?;
             let moved = next.moved_sigmas(&now, &unknowns);
@@ -176,7 +176,7 @@ impl Calibrator<'_> {
             if moved < RESTING_SIGMAS || round == COMPARISONS {
                 break;
             }
-            comparison = self.compare(&mut now, &seen, round)?;
+            comparison = self.compare(&mut now, &seen, &comparison.lights, round)?;
         }
         self.check_data_sheet(&now, &unknowns, &now.adjusted, SIGMAS_MAX)?;
         Calibration::conclude(Conclusion {
@@ -475,18 +475,24 @@ impl Calibrator<'_> {
         })
     }
 
-    /// Compares all frames with the forward model of an instrument.
-    fn compare(&self, now: &mut Now, seen: &[Seen], round: usize) -> Result<Comparison, CalibrateError> {
+    /// Compares all frames with the forward model of an instrument; `lights` are those of the comparison before.
+    fn compare(
+        &self,
+        now: &mut Now,
+        seen: &[Seen],
+        lights: &[Lights],
+        round: usize,
+    ) -> Result<Comparison, CalibrateError> {
         let reader = (self.reader)(&now.instrument).map_err(CalibrateError::Foreign)?;
         now.see_through(reader.projections());
         let now = &*now;
         let problem = now.problem(self, &[], &[], 1.0);
-        let one = |(place, one): (usize, &Seen)| -> Result<Vec<(Observation, Fitness)>, Foreign> {
+        let one = |(place, one): (usize, &Seen)| -> Result<Compared, Foreign> {
             let frame = (self.frame)(one.frame)?;
             let state = &now.adjusted.state;
-            let dots = self.known_dots(now, one, place);
+            let dots = self.known_dots(now, one, lights.get(place), place);
             let scores = reader.scores(&frame, &dots)?;
-            let mut observations = Vec::new();
+            let mut compared = Compared::default();
             for (band, labelled) in one.sighting.iter().enumerate() {
                 for (dot, _) in labelled {
                     let Some(score) = scores[*dot][band] else { continue };
@@ -497,22 +503,30 @@ impl Calibrator<'_> {
                         anchor: problem.image(band, *dot, &now.cameras, state, &state.poses[place]),
                         score: score.score,
                         information: score.information,
+                    };
+                    if let Some(observation) = observation.with_model_error(score.is_cut) {
+                        compared.observations.push(observation);
+                        compared.fitness.push(Fitness { chi2: score.chi2, used_px: score.used_px });
                     }
-                    .with_model_error(score.is_cut);
-                    let fitness = Fitness { chi2: score.chi2, used_px: score.used_px };
-                    observations.extend(observation.map(|observation| (observation, fitness)));
                 }
             }
+            let light = |score: &Option<SpotScore>| score.map(|score| score.light);
+            compared.lights = scores.iter().map(|bands| bands.iter().map(light).collect()).collect();
             (self.progress)(Stage::Comparing(round));
-            Ok(observations)
+            Ok(compared)
         };
         let all = seen.par_iter().enumerate().map(one).collect::<Result<Vec<_>, _>>();
-        let (observations, fitness) = all.map_err(CalibrateError::Foreign)?.into_iter().flatten().unzip();
-        Ok(Comparison { observations, fitness })
+        let mut comparison = Comparison { observations: Vec::new(), fitness: Vec::new(), lights: Vec::new() };
+        for compared in all.map_err(CalibrateError::Foreign)? {
+            comparison.observations.extend(compared.observations);
+            comparison.fitness.extend(compared.fitness);
+            comparison.lights.push(compared.lights);
+        }
+        Ok(comparison)
     }
 
     /// All dots of the target as they stand in a frame; those that a band does not show are at most neighbours there.
-    fn known_dots(&self, now: &Now, seen: &Seen, place: usize) -> Vec<KnownDot> {
+    fn known_dots(&self, now: &Now, seen: &Seen, lights: Option<&Lights>, place: usize) -> Vec<KnownDot> {
         let state = &now.adjusted.state;
         let slopes = state.poses[place].slopes();
         let of_all =
@@ -520,11 +534,15 @@ impl Calibrator<'_> {
         let (contrasts, grounds) = (of_all(&seen.contrasts), of_all(&seen.grounds));
         let dot = |(index, dot): (usize, &crate::target::TargetDot)| {
             let light = |band: usize| {
+                if let Some(fitted) = lights.and_then(|lights| lights[index][band]) {
+                    return Some(fitted);
+                }
                 let labelled = &seen.sighting[band];
                 let own = labelled.binary_search_by_key(&index, |(dot, _)| *dot).ok().map(|own| labelled[own].1);
                 Some(KnownLight {
                     contrast_codes: own.map_or(contrasts[band], |own| seen.contrasts[band][own]),
                     ground_codes: own.map_or(grounds[band], |own| seen.grounds[band][own]),
+                    is_fitted: false,
                 })
             };
             KnownDot {
@@ -588,9 +606,22 @@ const SIGMAS_MAX: f64 = 4.0;
 /// χ² of a feature's numbers beyond which it is doubted: their deviations are rough.
 const ROUGH_DOUBT_CHI2: f64 = 25.0;
 
+/// The light of every dot of the target in every band, as a frame shows it.
+type Lights = Vec<Vec<Option<KnownLight>>>;
+
+/// What the comparison of all frames comes to; lights frame by frame.
 struct Comparison {
     observations: Vec<Observation>,
     fitness: Vec<Fitness>,
+    lights: Vec<Lights>,
+}
+
+/// The same of one frame.
+#[derive(Default)]
+struct Compared {
+    observations: Vec<Observation>,
+    fitness: Vec<Fitness>,
+    lights: Lights,
 }
 
 fn no_frames(faults: &[Fault]) -> CalibrateError {

@@ -1,6 +1,6 @@
 //! What a calibration comes to.
 
-use nalgebra::{DMatrix, Matrix4, Vector3, Vector4};
+use nalgebra::{DMatrix, Matrix4, Vector4};
 use twinpupil_instrument::{CalibrationFrame, CalibrationSpec, Instrument, Role};
 
 use crate::adjust::{Observation, Problem};
@@ -116,7 +116,7 @@ impl Residual {
     }
 }
 
-/// What frames say that took no part.
+/// What frames say that took no part. Dots count by how well they show depth, which those near the axis do not.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HeldOut {
     /// Root mean square error of the depth of their dots about the target's plane, mm.
@@ -305,7 +305,7 @@ fn held_out(
         return Ok(None);
     }
     let parts = frames.min(PARTS_MAX);
-    let mut errors_mm = Vec::new();
+    let mut errors = Vec::new();
     for part in 0..parts {
         let split = |is_own: bool| -> Vec<Observation> {
             observations.iter().filter(|observation| (observation.frame % parts == part) == is_own).copied().collect()
@@ -314,21 +314,38 @@ fn held_out(
         // The poses of the frames that were left out, as that instrument sees them.
         let own = split(true);
         let posed = calibrator.adjust(&others, &[], &own, None)?;
-        errors_mm.extend(depth_errors_mm(calibrator, &posed, &own));
+        errors.extend(depth_errors(calibrator, &posed, &own));
     }
-    let within_mm = depth_errors_mm(calibrator, now, observations);
-    let rms =
-        |values: &[f64]| (values.iter().map(|value| value * value).sum::<f64>() / values.len().max(1) as f64).sqrt();
-    Ok(Some(HeldOut { z_rms_mm: rms(&errors_mm), z_rms_within_mm: rms(&within_mm), dots: errors_mm.len() }))
+    let within = depth_errors(calibrator, now, observations);
+    Ok(Some(HeldOut { z_rms_mm: rms_mm(&errors), z_rms_within_mm: rms_mm(&within), dots: errors.len() }))
+}
+
+/// How far a dot seems before or behind the target, and what noise makes of that, mm.
+struct DepthError {
+    z_mm: f64,
+    std_mm: f64,
+}
+
+impl DepthError {
+    fn sigmas(&self) -> f64 {
+        self.z_mm.abs() / self.std_mm
+    }
+}
+
+/// Root mean square error, weighted by what noise leaves of each.
+fn rms_mm(errors: &[DepthError]) -> f64 {
+    let chi2: f64 = errors.iter().map(|error| error.sigmas().powi(2)).sum();
+    let weights: f64 = errors.iter().map(|error| error.std_mm.powi(-2)).sum();
+    if errors.is_empty() { 0.0 } else { (chi2 / weights).sqrt() }
 }
 
 /// How far every dot that the pair of bands shows seems before or behind the target, mm, if its place and diameter are
 /// unknown.
-fn depth_errors_mm(calibrator: &Calibrator<'_>, now: &Now, observations: &[Observation]) -> Vec<f64> {
+fn depth_errors(calibrator: &Calibrator<'_>, now: &Now, observations: &[Observation]) -> Vec<DepthError> {
     let problem = now.problem(calibrator, &[], observations, f64::INFINITY);
     let state = &now.adjusted.state;
     let bands = [Role::Telecentric, Role::Entocentric].map(|role| calibrator.instrument.band_index(role));
-    let mut errors_mm = Vec::new();
+    let mut errors = Vec::new();
     let mut rest: Vec<&Observation> = observations.iter().collect();
     rest.sort_by_key(|observation| (observation.frame, observation.dot));
     for own in rest.chunk_by(|a, b| (a.frame, a.dot) == (b.frame, b.dot)) {
@@ -347,13 +364,12 @@ fn depth_errors_mm(calibrator: &Calibrator<'_>, now: &Now, observations: &[Obser
             score += to_dot.transpose() * (observation.score - observation.information * (image - observation.anchor));
         }
         if let Some(factor) = information.cholesky() {
-            let step: Vector3<f64> = factor.solve(&score).fixed_rows::<3>(0).into_owned();
-            errors_mm.push(step.z);
+            errors.push(DepthError { z_mm: factor.solve(&score).z, std_mm: factor.inverse()[(2, 2)].sqrt() });
         }
     }
     // A few wrong dots are no error of the calibration.
     const WRONG: f64 = 20.0;
-    let typical_mm = median(errors_mm.iter().map(|error| error.abs())).max(1e-9);
-    errors_mm.retain(|error_mm| error_mm.abs() < WRONG * typical_mm);
-    errors_mm
+    let typical = median(errors.iter().map(DepthError::sigmas)).max(1e-9);
+    errors.retain(|error| error.sigmas() < WRONG * typical);
+    errors
 }

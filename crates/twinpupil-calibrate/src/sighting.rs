@@ -299,7 +299,9 @@ fn disagreement_px(labelled: [&Vec<Labelled>; 2], spots: [&[Spot]; 2], axis_px: 
             score += row * *seen;
         }
     }
-    let Some(scales) = information.cholesky().map(|factor| factor.solve(&score)) else { return f64::INFINITY };
+    let scales = information.cholesky().map(|factor| factor.solve(&score));
+    // A grid upside down about its middle, on the axis, is one scaled by −1.
+    let Some(scales) = scales.filter(|scales| scales.x > 0.0) else { return f64::INFINITY };
     let squares = shared.iter().flat_map(|(p, q)| {
         let [u, v] = rows(p).map(|row| row.dot(&scales));
         [(u - q.x).powi(2), (v - q.y).powi(2)]
@@ -370,6 +372,20 @@ mod tests {
         let part: Vec<Spot> = seen(&target, 0.05, 75.0, 1.0)[7..].to_vec();
         let sighting = recognise(&target, &[("a", whole), ("b", part)], AXIS_PX).unwrap();
         assert!(sighting[1].iter().all(|(dot, feature)| *dot == feature + 7), "{:?}", sighting[1]);
+    }
+
+    #[test]
+    fn upside_down_is_not_the_same() {
+        let target = target(Vec::new());
+        let spots = seen(&target, 0.0, 90.0, 1.0);
+        let count = spots.len();
+        let upright: Vec<Labelled> = (0..count).map(|dot| (dot, dot)).collect();
+        let turned: Vec<Labelled> = (0..count).map(|dot| (dot, count - 1 - dot)).collect();
+        // About the target's own middle.
+        let middle_px = spots[count / 2].centre_px;
+        let away = |labelled: &Vec<Labelled>| disagreement_px([&upright, labelled], [&spots, &spots], middle_px);
+        assert!(away(&upright) < 1e-9);
+        assert_eq!(away(&turned), f64::INFINITY);
     }
 
     #[test]

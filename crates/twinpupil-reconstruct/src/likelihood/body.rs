@@ -35,6 +35,8 @@ pub(crate) struct Body {
     pub(crate) saturated: bool,
     /// Whether its place is given, so that nothing but its light is fitted.
     pub(crate) pinned: bool,
+    /// Whether the light of a pinned one is known too, but for a last look.
+    pub(crate) is_lit: bool,
     /// Whether pixels that do not fit were left out in the last round.
     pub(crate) masked: bool,
     /// How many of its rows were looked at in the last round, and are to be in the next.
@@ -183,6 +185,7 @@ impl Body {
             doubtful,
             saturated: false,
             pinned: false,
+            is_lit: false,
             masked: false,
             seen: Share::Quarter,
             share: Share::Quarter,
@@ -215,6 +218,9 @@ impl Body {
             let is_settling = self.rounds > GUESS_ROUNDS && self.step_sigmas < NEAR_SIGMAS;
             return is_settling || self.rounds > PATIENCE_SATURATED;
         }
+        if self.is_lit {
+            return true;
+        }
         if self.rounds == 0 || self.doubtful && self.rounds == 1 {
             return false;
         }
@@ -233,7 +239,7 @@ impl Body {
     /// only on whom its light falls.
     pub(crate) fn rests(&self) -> bool {
         if self.pinned {
-            return !self.alive || self.rounds >= PINNED_ROUNDS;
+            return !self.alive || self.rounds >= if self.is_lit { 1 } else { PINNED_ROUNDS };
         }
         let is_steep = self.dot.slopes.iter().any(|slope| slope.abs() > STEEP);
         let is_hard = self.has_neighbours || self.saturated || is_steep;

@@ -7,6 +7,7 @@ use twinpupil_instrument::PlaneView;
 use crate::likelihood::body::{BandLight, Body};
 use crate::likelihood::joint::{BandView, Joint};
 use crate::likelihood::refine::{ForwardModel, Workspace};
+use crate::likelihood::samples::Share;
 use crate::likelihood::spot::Dot;
 use crate::noise::Noise;
 
@@ -23,13 +24,15 @@ pub struct KnownDot {
     pub lights: Vec<Option<KnownLight>>,
 }
 
-/// About how bright a dot and the ground around it are; both are fitted.
+/// How bright a dot and the ground around it are; both are fitted anew.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct KnownLight {
     /// How much brighter than the ground it is, codes.
     pub contrast_codes: f64,
     /// The ground, codes.
     pub ground_codes: f64,
+    /// Whether that was fitted before, with the dot nearly where it is now: one look is enough then.
+    pub is_fitted: bool,
 }
 
 /// What the pixels of one band say of the image of a dot whose place is given: the log-likelihood of a small change Δ of
@@ -48,6 +51,8 @@ pub struct SpotScore {
     pub masked_px: usize,
     /// Whether the masks take some of the dot's light.
     pub is_cut: bool,
+    /// Its light as the pixels have it.
+    pub light: KnownLight,
 }
 
 impl ForwardModel {
@@ -69,7 +74,13 @@ impl ForwardModel {
                 joint.refresh_moving();
                 joint.round();
             }
-            joint.bodies.iter().map(|body| body.bands.iter().map(|light| score(light.as_ref()?)).collect()).collect()
+            let black_levels = views.iter().map(|view| view.black.noise().black_level);
+            let black_levels: SmallVec<[f64; 2]> = black_levels.collect();
+            let of_body = |body: &Body| {
+                let lights = body.bands.iter().zip(&black_levels);
+                lights.map(|(light, black_level)| score(light.as_ref()?, *black_level)).collect()
+            };
+            joint.bodies.iter().map(of_body).collect()
         });
         workspace.blacks = blacks;
         scores
@@ -79,15 +90,19 @@ impl ForwardModel {
 fn body(dot: Dot, lights: &[Option<KnownLight>], views: &[BandView<'_>]) -> Body {
     let mut body = Body::new(dot, None, false);
     body.pinned = true;
+    body.is_lit = lights.iter().flatten().all(|light| light.is_fitted);
+    if body.is_lit {
+        body.share = Share::All;
+    }
     body.bands.extend(views.iter().zip(lights).map(|(view, light)| {
-        let KnownLight { contrast_codes, ground_codes } = (*light)?;
+        let KnownLight { contrast_codes, ground_codes, .. } = (*light)?;
         let background = ground_codes - view.black.noise().black_level;
         Some(BandLight::new(contrast_codes, background, view.spot(&dot)))
     }));
     body
 }
 
-fn score(light: &BandLight) -> Option<SpotScore> {
+fn score(light: &BandLight, black_level: f64) -> Option<SpotScore> {
     let shape = light.shape?;
     let is_sound = shape.score.iter().chain(shape.information.iter()).all(|value| value.is_finite());
     is_sound.then_some(SpotScore {
@@ -97,5 +112,10 @@ fn score(light: &BandLight) -> Option<SpotScore> {
         used_px: light.normal.used,
         masked_px: light.normal.masked,
         is_cut: light.spot.is_clipped(),
+        light: KnownLight {
+            contrast_codes: light.contrast,
+            ground_codes: light.background + black_level,
+            is_fitted: true,
+        },
     })
 }

@@ -1,9 +1,11 @@
-//! Prints what calibration makes of cameras off their data sheet: `calibration [TIMES [SEED]]`, TIMES calibrations each.
+//! Prints what calibration makes of cameras off their data sheet: `calibration [TIMES [SEED [RAYS [CAMERA]]]]`, TIMES
+//! calibrations each, of frames simulated with RAYS rays a pixel; of one camera alone if its number is given.
 
 use std::io::Write;
 use std::time::Instant;
 
-use twinpupil_calibrate::{Calibration, Choices, Number, Quantity};
+use rayon::prelude::*;
+use twinpupil_calibrate::{CalibrateError, Calibration, Choices, Number, Quantity};
 use twinpupil_instrument::{Instrument, Mosaic};
 use twinpupil_simulate::Scene;
 use twinpupil_validation::calibration::{
@@ -11,86 +13,132 @@ use twinpupil_validation::calibration::{
 };
 use twinpupil_validation::plates::Pose;
 
-/// Rays a pixel.
-const PUPIL_SAMPLES: usize = 1024;
+/// Rays a pixel if nothing else is asked for.
+const RAYS: usize = 1024;
+
+/// What one calibration should keep to, mm.
+const RMS_MM: f64 = 0.01;
+const MAX_MM: f64 = 0.05;
 
 /// Other frames: random dots.
 const PLATES: [Pose; 4] = [Pose::Facing(262.0), Pose::Facing(290.0), Pose::Facing(338.0), Pose::Tilted(25.0)];
 
+/// A camera, whether it is bent, and how often it is calibrated.
+struct Run {
+    mosaic: Mosaic,
+    is_bent: bool,
+    times: u64,
+    seed: u64,
+    rays: usize,
+}
+
 fn main() -> std::io::Result<()> {
-    let argument = |place: usize| std::env::args().nth(place).and_then(|text| text.parse().ok());
+    let argument = |place: usize| std::env::args().nth(place).and_then(|text| text.parse::<u64>().ok());
     let (times, seed) = (argument(1).unwrap_or(1).max(1), argument(2).unwrap_or(1));
+    let rays = argument(3).map_or(RAYS, |rays| rays as usize);
     let mut out = std::io::stdout().lock();
-    for (mosaic, is_bent) in [(Mosaic::Rgb, false), (Mosaic::Rgb, true), (Mosaic::Rggb, false)] {
-        let bent = if is_bent { ", sensor tilted by 0.3°, distortion 0.1 %" } else { "" };
-        writeln!(out, "{}{bent}", mosaic.name())?;
-        camera(&mut out, mosaic, is_bent, times, seed)?;
+    let cameras = [(Mosaic::Rgb, false), (Mosaic::Rgb, true), (Mosaic::Rggb, false)];
+    for (number, (mosaic, is_bent)) in (1..).zip(cameras) {
+        if argument(4).is_none_or(|only| only == number) {
+            Run { mosaic, is_bent, times, seed, rays }.print(&mut out)?;
+        }
     }
     Ok(())
 }
 
-fn camera(out: &mut impl Write, mosaic: Mosaic, is_bent: bool, times: u64, seed: u64) -> std::io::Result<()> {
-    let (sheet, target) = (data_sheet(mosaic), target());
-    let truth = off_data_sheet(&sheet, is_bent);
-    let targets = Exposures::of_target(truth.clone(), &target, &POSES, PUPIL_SAMPLES);
-    let plates: Vec<Scene> = PLATES.iter().map(|pose| pose.scene(seed)).collect();
-    let plates = Exposures::new(truth.clone(), plates, PUPIL_SAMPLES);
-    let (before, _) = plates.depth_errors(&sheet, seed);
-    let (known, _) = plates.depth_errors(&truth, seed);
-    writeln!(
-        out,
-        "  rms of z: {:.3} mm off the data sheet, {:.4} mm if the camera is known",
-        DepthError::rms_mm(&before),
-        DepthError::rms_mm(&known)
-    )?;
-    let mut tally = Tally::default();
-    for time in 0..times {
-        let frames = targets.frames(seed + time);
-        let start = Instant::now();
-        match calibrate(&sheet, &target, &frames, &Choices::default()) {
-            Ok(calibration) => {
-                let seconds = start.elapsed().as_secs_f64();
-                let (errors, dots) = plates.depth_errors(&calibrated(&calibration), seed + time);
-                if time == 0 {
-                    first(out, &calibration, &truth, seconds)?;
+/// What one of many calibrations came to.
+struct Outcome {
+    seconds: f64,
+    calibration: Calibration,
+    errors: Vec<DepthError>,
+    dots: usize,
+}
+
+impl Run {
+    fn print(&self, out: &mut impl Write) -> std::io::Result<()> {
+        let Self { mosaic, is_bent, times, seed, rays } = *self;
+        let bent = if is_bent { ", sensor tilted by 0.3°, distortion 0.1 %" } else { "" };
+        writeln!(out, "{}{bent}", mosaic.name())?;
+        let (sheet, target) = (data_sheet(mosaic), target());
+        let truth = off_data_sheet(&sheet, is_bent);
+        let targets = Exposures::of_target(truth.clone(), &target, &POSES, rays);
+        let plates: Vec<Scene> = PLATES.iter().map(|pose| pose.scene(seed)).collect();
+        let plates = Exposures::new(truth.clone(), plates, rays);
+        let (before, _) = plates.depth_errors(&sheet, seed);
+        let (known, _) = plates.depth_errors(&truth, seed);
+        writeln!(
+            out,
+            "  rms of z: {:.3} mm off the data sheet, {:.4} mm if the camera is known",
+            DepthError::rms_mm(&before),
+            DepthError::rms_mm(&known)
+        )?;
+        // The first alone, so that its time is that of one.
+        let one = |time: u64| -> Result<Outcome, CalibrateError> {
+            let frames = targets.frames(seed + time);
+            let start = Instant::now();
+            let calibration = calibrate(&sheet, &target, &frames, &Choices::default())?;
+            let seconds = start.elapsed().as_secs_f64();
+            let (errors, dots) = plates.depth_errors(&calibrated(&calibration), seed + time);
+            Ok(Outcome { seconds, calibration, errors, dots })
+        };
+        let first = one(0);
+        if let Ok(first) = &first {
+            print_numbers(out, &first.calibration, &truth)?;
+        }
+        let others: Vec<_> = (1..times).into_par_iter().map(one).collect();
+        let mut tally = Tally::default();
+        for (time, outcome) in std::iter::once(first).chain(others).enumerate() {
+            match outcome {
+                Ok(outcome) => {
+                    outcome.print(out, time)?;
+                    tally.add(&outcome.calibration, &truth, &outcome.errors);
                 }
+                Err(error) => writeln!(out, "  {time}: {error}")?,
+            }
+        }
+        tally.print(out)?;
+        self.print_axis(out, &sheet, &truth)
+    }
+
+    fn print_axis(&self, out: &mut impl Write, sheet: &Instrument, truth: &Instrument) -> std::io::Result<()> {
+        let random = Exposures::new(truth.clone(), vec![Pose::Facing(262.0).scene(self.seed)], self.rays);
+        let mut centred = truth.clone().into_spec();
+        centred.sensor.axis_px = sheet.sensor.axis_px;
+        let start = Instant::now();
+        match axis(&Instrument::new(centred).expect("a legal instrument"), &random.frames(self.seed)) {
+            Ok(found) => {
+                let off = [0, 1].map(|k| found.axis_px[k] - truth.sensor.axis_px[k]);
+                let std = [0, 1].map(|k| found.covariance_px2[k][k].sqrt());
+                let seconds = start.elapsed().as_secs_f64();
                 writeln!(
                     out,
-                    "  {time}: {seconds:.2} s, χ² {:.2}, {:.4} px rms; rms of z {:.4} mm, at most {:.4}, {} of {dots} dots",
-                    calibration.reduced_chi2,
-                    calibration.rms_px,
-                    DepthError::rms_mm(&errors),
-                    DepthError::max_mm(&errors),
-                    errors.len()
-                )?;
-                tally.add(&calibration, &truth, &errors);
+                    "  axis from one frame: off by {off:.4?} px ± {std:.4?}, χ² {:.2}, {seconds:.2} s",
+                    found.reduced_chi2
+                )
             }
-            Err(error) => writeln!(out, "  {time}: {error}")?,
+            Err(error) => writeln!(out, "  axis: {error}"),
         }
     }
-    tally.print(out)?;
-    let random = Exposures::new(truth.clone(), vec![Pose::Facing(262.0).scene(seed)], PUPIL_SAMPLES);
-    let mut centred = truth.clone().into_spec();
-    centred.sensor.axis_px = sheet.sensor.axis_px;
-    let start = Instant::now();
-    match axis(&Instrument::new(centred).expect("a legal instrument"), &random.frames(seed)) {
-        Ok(found) => {
-            let off = [0, 1].map(|k| found.axis_px[k] - truth.sensor.axis_px[k]);
-            let std = [0, 1].map(|k| found.covariance_px2[k][k].sqrt());
-            let seconds = start.elapsed().as_secs_f64();
-            writeln!(
-                out,
-                "  axis from one frame: off by {off:.4?} px ± {std:.4?}, χ² {:.2}, {seconds:.2} s",
-                found.reduced_chi2
-            )
-        }
-        Err(error) => writeln!(out, "  axis: {error}"),
+}
+
+impl Outcome {
+    fn print(&self, out: &mut impl Write, time: usize) -> std::io::Result<()> {
+        let Self { seconds, calibration, errors, dots } = self;
+        writeln!(
+            out,
+            "  {time}: {seconds:.2} s, χ² {:.2}, {:.4} px rms; rms of z {:.4} mm, at most {:.4}, {} of {dots} dots",
+            calibration.reduced_chi2,
+            calibration.rms_px,
+            DepthError::rms_mm(errors),
+            DepthError::max_mm(errors),
+            errors.len()
+        )
     }
 }
 
 /// The first of many, number by number.
-fn first(out: &mut impl Write, calibration: &Calibration, truth: &Instrument, seconds: f64) -> std::io::Result<()> {
-    writeln!(out, "  7 frames in {seconds:.2} s; held out {:?}", calibration.held_out)?;
+fn print_numbers(out: &mut impl Write, calibration: &Calibration, truth: &Instrument) -> std::io::Result<()> {
+    writeln!(out, "  held out {:?}", calibration.held_out)?;
     for number in &calibration.numbers {
         let expected = true_value(number, truth);
         let sigmas = (number.value - expected) / number.std;
@@ -119,6 +167,9 @@ struct Tally {
     calibrations: usize,
     depth_squares: f64,
     depths: usize,
+    /// Sum of the squared errors of depth, mm², and how many calibrations keep to the targets.
+    squares_mm2: f64,
+    kept: usize,
 }
 
 impl Tally {
@@ -131,6 +182,8 @@ impl Tally {
         self.calibrations += 1;
         let sigmas2 =
             |error: &DepthError| error.z_mm.powi(2) / (error.noise_std_mm.powi(2) + error.calibration_std_mm.powi(2));
+        self.squares_mm2 += errors.iter().map(|error| error.z_mm.powi(2)).sum::<f64>();
+        self.kept += usize::from(DepthError::rms_mm(errors) <= RMS_MM && DepthError::max_mm(errors) <= MAX_MM);
         self.depth_squares += errors.iter().map(sigmas2).sum::<f64>();
         self.depths += errors.len();
     }
@@ -143,6 +196,14 @@ impl Tally {
         for (key, square) in self.keys.iter().zip(&self.squares) {
             writeln!(out, "  {key:40} {:.2}", (square / self.calibrations as f64).sqrt())?;
         }
-        writeln!(out, "  depth of dots {:.2}", (self.depth_squares / self.depths.max(1) as f64).sqrt())
+        let of_dots = |squares: f64| (squares / self.depths.max(1) as f64).sqrt();
+        writeln!(out, "  depth of dots {:.2}", of_dots(self.depth_squares))?;
+        writeln!(
+            out,
+            "  rms of z over all {:.4} mm; rms <= {RMS_MM} mm and none off by more than {MAX_MM} mm in {} of {}",
+            of_dots(self.squares_mm2),
+            self.kept,
+            self.calibrations
+        )
     }
 }
