@@ -22,7 +22,7 @@ side-by-side *OPTIONS:
 targets:
     cargo run --release -p twinpupil-validation --bin targets
 
-# Fuzz TARGET: instrument_toml, scene_toml, frame_file, envi_cube or reconstruct; stable Rust, cargo-fuzz and a C++ compiler
+# Fuzz TARGET: instrument_toml, scene_toml, frame_file, envi_cube, lens_file or reconstruct; stable Rust, cargo-fuzz and a C++ compiler
 fuzz TARGET SECONDS="60":
     mkdir -p fuzz/corpus/{{TARGET}}
     cargo fuzz run --sanitizer none {{TARGET}} fuzz/corpus/{{TARGET}} fuzz/seeds/{{TARGET}} -- -max_total_time={{SECONDS}} -timeout=20

@@ -41,7 +41,7 @@ pub struct FresnelLens {
     /// Wavelength for which the facets are cut, nm: all of them send light parallel to the axis to one focal point.
     #[serde(default = "FresnelLens::default_design_wavelength_nm")]
     pub design_wavelength_nm: f64,
-    /// Name of a built-in material: `pmma`.
+    /// Name of a built-in material, such as `pmma`.
     #[serde(default = "FresnelLens::default_material")]
     pub material: String,
     /// Full thickness from the groove peaks to the flat face, mm.

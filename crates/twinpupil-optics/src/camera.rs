@@ -26,12 +26,14 @@ pub enum OpticsError {
         position_mm: f64,
     },
     /// A material without a dispersion formula.
-    #[error("`lens.material` is {material}; legal: {legal}")]
+    #[error("`{key}` is {material}; legal: one of {count} built-in materials such as PMMA and N-BK7")]
     UnknownMaterial {
+        /// Where the file asks for it.
+        key: String,
         /// What was asked for.
         material: String,
-        /// What there is.
-        legal: String,
+        /// How many there are.
+        count: usize,
     },
     /// A wavelength at which a dispersion formula means nothing.
     #[error(
@@ -42,7 +44,7 @@ pub enum OpticsError {
         /// Of a band or of the lens's design, nm.
         wavelength_nm: f64,
         /// The material.
-        material: &'static str,
+        material: String,
         /// Shortest legal wavelength, nm.
         min_nm: f64,
         /// Longest legal wavelength, nm.

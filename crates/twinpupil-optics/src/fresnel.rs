@@ -77,7 +77,7 @@ pub(crate) struct FresnelBand {
 
 impl FresnelBand {
     pub(crate) fn new(lens: &FresnelLens, wavelength_nm: f64, masks: &Masks) -> Result<Self, OpticsError> {
-        let glass = Glass::from_name(&lens.material)?;
+        let glass = Glass::built_in(&lens.material, "lens.material")?;
         // The principal plane within the glass lies thickness/n from the flat face.
         let below_peaks_mm = lens.thickness_mm * (1.0 - 1.0 / glass.index(lens.design_wavelength_nm)?);
         // Depth grows with t if the grooves face the object, against it if they face the image.

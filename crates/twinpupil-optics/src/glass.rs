@@ -1,60 +1,67 @@
 //! Optical materials.
 
-use crate::OpticsError;
+use twinpupil_instrument::{Formula, MediumSpec};
 
-/// A built-in optical material.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Glass {
-    /// Polymethyl methacrylate, at 20 °C.
-    Pmma,
+use crate::{Catalogue, OpticsError, dispersion};
+
+/// An optical material.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Glass {
+    name: String,
+    medium: MediumSpec,
 }
 
-/// Wavelengths at which the built-in dispersion formulas still describe a transparent glass, nm. The fit itself spans
-/// 420 to 1620 nm; beyond that it is an extrapolation.
-const WAVELENGTHS_NM: std::ops::RangeInclusive<f64> = 350.0..=2000.0;
-
 impl Glass {
-    /// All of them.
-    pub const ALL: [Self; 1] = [Self::Pmma];
-
-    /// The name used in files.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Pmma => "pmma",
-        }
+    /// A material of that name; `medium` has been checked.
+    pub fn new(name: impl Into<String>, medium: MediumSpec) -> Self {
+        Self { name: name.into(), medium }
     }
 
-    /// The glass of that name.
-    pub fn from_name(name: &str) -> Result<Self, OpticsError> {
-        Self::ALL.into_iter().find(|glass| glass.name() == name).ok_or_else(|| OpticsError::UnknownMaterial {
+    /// Air, against which all other indices are measured: that of every wavelength is 1.
+    pub fn air() -> Self {
+        let medium = MediumSpec { formula: Formula::Constant, coefficients: vec![1.0], wavelengths_nm: [1.0, 1e6] };
+        Self::new("air", medium)
+    }
+
+    /// The built-in material of that name, in upper or lower case, that the file asks for under `key`.
+    pub fn built_in(name: &str, key: &str) -> Result<&'static Self, OpticsError> {
+        let catalogue = Catalogue::built_in();
+        catalogue.glass(name).ok_or_else(|| OpticsError::UnknownMaterial {
+            key: key.to_owned(),
             material: name.to_owned(),
-            legal: Self::ALL.map(Self::name).join(", "),
+            count: catalogue.glasses().len(),
         })
     }
 
-    /// Refractive index against air at a wavelength of 350 to 2000 nm.
-    ///
-    /// ```text
-    /// n² = 2.1778 + 6.1209e-3 λ² − 1.5004e-3 λ⁴ + 2.3678e-2 λ⁻² − 4.2137e-3 λ⁻⁴ + 7.3417e-4 λ⁻⁶ − 4.5042e-5 λ⁻⁸
-    /// ```
-    ///
-    /// with λ in µm  [Beadie et al., Appl. Opt. 54, F139 (2015)].
-    pub fn index(self, wavelength_nm: f64) -> Result<f64, OpticsError> {
-        if !WAVELENGTHS_NM.contains(&wavelength_nm) {
-            return Err(OpticsError::Wavelength {
-                wavelength_nm,
-                material: self.name(),
-                min_nm: *WAVELENGTHS_NM.start(),
-                max_nm: *WAVELENGTHS_NM.end(),
-            });
+    /// The name used in files.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// What it is made of: formula and coefficients.
+    pub fn medium(&self) -> &MediumSpec {
+        &self.medium
+    }
+
+    /// Shortest and longest wavelength at which it is known, nm.
+    pub fn wavelengths_nm(&self) -> [f64; 2] {
+        self.medium.wavelengths_nm
+    }
+
+    /// Refractive index against air at a wavelength within its range.
+    pub fn index(&self, wavelength_nm: f64) -> Result<f64, OpticsError> {
+        let [min_nm, max_nm] = self.wavelengths_nm();
+        let index = dispersion::index(&self.medium, wavelength_nm);
+        if (min_nm..=max_nm).contains(&wavelength_nm) && (INDEX_MIN..=INDEX_MAX).contains(&index) {
+            return Ok(index);
         }
-        let square = (wavelength_nm / 1000.0).powi(2);
-        let Self::Pmma = self;
-        let rising = 2.1778 + square * (6.1209e-3 - square * 1.5004e-3);
-        let falling = (2.3678e-2 - (4.2137e-3 - (7.3417e-4 - 4.5042e-5 / square) / square) / square) / square;
-        Ok((rising + falling).sqrt())
+        Err(OpticsError::Wavelength { wavelength_nm, material: self.name.clone(), min_nm, max_nm })
     }
 }
+
+/// Indices beyond which a formula has left the transparent range.
+const INDEX_MIN: f64 = 0.5;
+const INDEX_MAX: f64 = 10.0;
 
 #[cfg(test)]
 mod tests {
@@ -62,23 +69,33 @@ mod tests {
 
     #[test]
     fn pmma_has_its_published_indices() {
+        let pmma = Glass::built_in("pmma", "lens.material").unwrap();
         for (wavelength_nm, expected) in [(450.0, 1.50159), (680.0, 1.48938)] {
-            assert!((Glass::Pmma.index(wavelength_nm).unwrap() - expected).abs() < 5e-6);
+            assert!((pmma.index(wavelength_nm).unwrap() - expected).abs() < 5e-6);
         }
     }
 
     #[test]
     fn unknown_names_and_opaque_wavelengths_are_refused() {
-        assert_eq!(Glass::from_name("pmma"), Ok(Glass::Pmma));
-        let message = Glass::from_name("bk7").unwrap_err().to_string();
-        assert_eq!(message, "`lens.material` is bk7; legal: pmma");
-        for wavelength_nm in [349.0, 2001.0, f64::NAN] {
-            assert!(Glass::Pmma.index(wavelength_nm).is_err());
-        }
-        let message = Glass::Pmma.index(10_600.0).unwrap_err().to_string();
+        let pmma = Glass::built_in("Pmma", "lens.material").unwrap();
+        let message = Glass::built_in("glas", "lens.material").unwrap_err().to_string();
+        let count = Catalogue::built_in().glasses().len();
         assert_eq!(
             message,
-            "a wavelength of 10600 nm is outside the dispersion formula of pmma; legal: 350 to 2000 nm"
+            format!("`lens.material` is glas; legal: one of {count} built-in materials such as PMMA and N-BK7")
         );
+        for wavelength_nm in [349.0, 2001.0, f64::NAN] {
+            assert!(pmma.index(wavelength_nm).is_err());
+        }
+        let message = pmma.index(10_600.0).unwrap_err().to_string();
+        assert_eq!(
+            message,
+            "a wavelength of 10600 nm is outside the dispersion formula of PMMA; legal: 350 to 2000 nm"
+        );
+    }
+
+    #[test]
+    fn air_is_what_indices_are_measured_against() {
+        assert_eq!(Glass::air().index(550.0), Ok(1.0));
     }
 }

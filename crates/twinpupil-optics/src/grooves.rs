@@ -41,7 +41,7 @@ pub(crate) struct Groove {
 
 /// The grooves that cover `lens`, from the centre outwards.
 pub(crate) fn grooves(lens: &FresnelLens) -> Result<Vec<Groove>, OpticsError> {
-    let index = Glass::from_name(&lens.material)?.index(lens.design_wavelength_nm)?;
+    let index = Glass::built_in(&lens.material, "lens.material")?.index(lens.design_wavelength_nm)?;
     let half_diagonal_mm = 0.5 * lens.size_mm[0].hypot(lens.size_mm[1]);
     let count = (half_diagonal_mm / lens.groove_pitch_mm).ceil();
     if count > GROOVES_MAX {

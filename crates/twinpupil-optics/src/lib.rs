@@ -15,7 +15,9 @@
 //! [`ImagePoint`]: twinpupil_instrument::ImagePoint
 
 mod camera;
+mod catalogue;
 mod conic;
+mod dispersion;
 mod fresnel;
 mod glass;
 mod grooves;
@@ -33,13 +35,21 @@ mod refraction;
 mod region;
 mod response;
 mod stop;
+mod text;
 mod thin;
+mod train;
+mod zmx;
 
 pub use camera::{BandOptics, Camera, OpticsError};
+pub use catalogue::Catalogue;
 pub use glass::Glass;
 pub use ledger::{RayFate, RayLedger};
-pub use paraxial::{CardinalPoints, ParaxialSurface};
+pub use paraxial::{CardinalPoints, ParaxialRay, ParaxialSurface, paraxial_rays};
 pub use pencil::Pencil;
 pub use point_image::PointImage;
 pub use rays::{Footprint, ObjectRays, RayStarts};
 pub use response::{response_grids, response_table, response_table_for};
+pub use train::{
+    ChromaticSums, Fate, FateLedger, Field, FirstOrder, Mask, Pupil, Ray, Rays, SeidelSums, SurfaceLosses, Train,
+};
+pub use zmx::{Beam, FieldPoint, ZmxLens};

@@ -4,15 +4,25 @@ use twinpupil_instrument::{FresnelLens, GrooveSide};
 
 use crate::{Glass, OpticsError};
 
-/// A surface as a paraxial ray meets it, light coming from the object.
+/// A surface as a paraxial ray meets it, light coming from the object. Behind an odd number of mirrors index and gap are
+/// negative.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ParaxialSurface {
-    /// Curvature, 1/mm, positive if the centre lies towards the image.
-    pub curvature_per_mm: f64,
+    /// Power, `c (n' − n)` for a surface of curvature c, 1/mm.
+    pub power_per_mm: f64,
     /// Refractive index behind the surface.
     pub index_behind: f64,
     /// Distance to the next surface, mm; of no effect on the last one.
     pub gap_behind_mm: f64,
+}
+
+/// A ray close to the axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ParaxialRay {
+    /// Distance from the axis, mm.
+    pub height_mm: f64,
+    /// Growth of the height along the axis.
+    pub slope: f64,
 }
 
 /// Focal length and principal planes of a lens in air.
@@ -30,7 +40,6 @@ impl CardinalPoints {
     /// Traces a parallel paraxial ray each way through `surfaces`, in air.
     ///
     /// ```text
-    /// n' u' = n u − y c (n' − n),    y₊ = y + u' t        [Kingslake & Johnson, Lens Design Fundamentals, ch. 3]
     /// f = −y₁/u'_last,    H' lies (y_last − y₁)/u'_last before the last surface
     /// ```
     pub fn of(surfaces: &[ParaxialSurface]) -> Self {
@@ -47,43 +56,53 @@ impl CardinalPoints {
 
 /// Base curvature of a Fresnel lens, by the lensmaker's equation for a plano-convex lens: `c = 1/((n − 1) f)`, 1/mm.
 pub(crate) fn base_curvature_per_mm(lens: &FresnelLens) -> Result<f64, OpticsError> {
-    let index = Glass::from_name(&lens.material)?.index(lens.design_wavelength_nm)?;
+    let index = Glass::built_in(&lens.material, "lens.material")?.index(lens.design_wavelength_nm)?;
     Ok(1.0 / ((index - 1.0) * lens.focal_length_mm))
 }
 
 fn fresnel_surfaces(lens: &FresnelLens, wavelength_nm: f64) -> Result<[ParaxialSurface; 2], OpticsError> {
-    let index = Glass::from_name(&lens.material)?.index(wavelength_nm)?;
+    let index = Glass::built_in(&lens.material, "lens.material")?.index(wavelength_nm)?;
     let curvature_per_mm = base_curvature_per_mm(lens)?;
     let (first, last) = match lens.grooves {
         GrooveSide::Object => (curvature_per_mm, 0.0),
         GrooveSide::Image => (0.0, -curvature_per_mm),
     };
     Ok([
-        ParaxialSurface { curvature_per_mm: first, index_behind: index, gap_behind_mm: lens.thickness_mm },
-        ParaxialSurface { curvature_per_mm: last, index_behind: 1.0, gap_behind_mm: 0.0 },
+        ParaxialSurface { power_per_mm: first * (index - 1.0), index_behind: index, gap_behind_mm: lens.thickness_mm },
+        ParaxialSurface { power_per_mm: last * (1.0 - index), index_behind: 1.0, gap_behind_mm: 0.0 },
     ])
+}
+
+/// A ray before the first surface, from a medium of that index, where it meets each surface, with its slope behind it.
+///
+/// ```text
+/// n' u' = n u − y φ,    y₊ = y + u' t        [Kingslake & Johnson, Lens Design Fundamentals, ch. 3]
+/// ```
+pub fn paraxial_rays(surfaces: &[ParaxialSurface], index_before: f64, ray: ParaxialRay) -> Vec<ParaxialRay> {
+    let (mut index, mut gap_mm, mut ray) = (index_before, 0.0, ray);
+    let behind = surfaces.iter().map(|surface| {
+        let height_mm = ray.height_mm + ray.slope * gap_mm;
+        let slope = (index * ray.slope - height_mm * surface.power_per_mm) / surface.index_behind;
+        (index, gap_mm, ray) = (surface.index_behind, surface.gap_behind_mm, ParaxialRay { height_mm, slope });
+        ray
+    });
+    behind.collect()
 }
 
 /// Focal length, and principal plane from the last surface, of a ray that comes in parallel to the axis.
 fn parallel_ray(surfaces: &[ParaxialSurface]) -> (f64, f64) {
-    let (mut height, mut slope, mut index) = (1.0, 0.0, 1.0);
-    let mut gap_mm = 0.0;
-    for surface in surfaces {
-        height += slope * gap_mm;
-        let power = surface.curvature_per_mm * (surface.index_behind - index);
-        slope = (index * slope - height * power) / surface.index_behind;
-        (index, gap_mm) = (surface.index_behind, surface.gap_behind_mm);
-    }
-    (-1.0 / slope, (1.0 - height) / slope)
+    let parallel = ParaxialRay { height_mm: 1.0, slope: 0.0 };
+    let ParaxialRay { height_mm, slope } = paraxial_rays(surfaces, 1.0, parallel).last().copied().unwrap_or(parallel);
+    (-1.0 / slope, (1.0 - height_mm) / slope)
 }
 
-/// The same surfaces met from the other side.
+/// The same surfaces met from the other side, from air into air.
 fn reversed(surfaces: &[ParaxialSurface]) -> Vec<ParaxialSurface> {
     let before = |i: usize| if i == 0 { None } else { surfaces.get(i - 1) };
     (0..surfaces.len())
         .rev()
         .map(|i| ParaxialSurface {
-            curvature_per_mm: -surfaces[i].curvature_per_mm,
+            power_per_mm: surfaces[i].power_per_mm,
             index_behind: before(i).map_or(1.0, |previous| previous.index_behind),
             gap_behind_mm: before(i).map_or(0.0, |previous| previous.gap_behind_mm),
         })
@@ -95,8 +114,8 @@ mod tests {
     use super::*;
     use crate::plate::tests::lens;
 
-    fn surface(curvature_per_mm: f64, index_behind: f64, gap_behind_mm: f64) -> ParaxialSurface {
-        ParaxialSurface { curvature_per_mm, index_behind, gap_behind_mm }
+    fn surface(power_per_mm: f64, index_behind: f64, gap_behind_mm: f64) -> ParaxialSurface {
+        ParaxialSurface { power_per_mm, index_behind, gap_behind_mm }
     }
 
     #[test]
@@ -104,7 +123,7 @@ mod tests {
         // [Hecht, Optics, sec. 6.1]: 1/f = (n−1)(1/R₁ − 1/R₂ + (n−1)d/(n R₁R₂)), h₁ = −f(n−1)d/(n R₂), h₂ = −f(n−1)d/(n R₁).
         let (n, d, r1, r2) = (1.6, 7.0, 50.0, -80.0);
         let f = 1.0 / ((n - 1.0) * (1.0 / r1 - 1.0 / r2 + (n - 1.0) * d / (n * r1 * r2)));
-        let found = CardinalPoints::of(&[surface(1.0 / r1, n, d), surface(1.0 / r2, 1.0, 0.0)]);
+        let found = CardinalPoints::of(&[surface((n - 1.0) / r1, n, d), surface((1.0 - n) / r2, 1.0, 0.0)]);
         assert!((found.focal_length_mm / f - 1.0).abs() < 1e-14);
         assert!((found.front_principal_mm + f * (n - 1.0) * d / (n * r2)).abs() < 1e-12);
         assert!((found.rear_principal_mm + f * (n - 1.0) * d / (n * r1)).abs() < 1e-12);
@@ -114,7 +133,7 @@ mod tests {
     fn a_fresnel_lens_has_its_focal_length_and_a_principal_plane_at_the_peaks() {
         for grooves in [GrooveSide::Object, GrooveSide::Image] {
             let lens = lens(grooves);
-            let n = Glass::Pmma.index(587.6).unwrap();
+            let n = Glass::built_in("pmma", "lens.material").unwrap().index(587.6).unwrap();
             let found = CardinalPoints::of_fresnel(&lens, 587.6).unwrap();
             assert!((found.focal_length_mm - 100.0).abs() < 1e-12);
             let (at_peaks, inside) = match grooves {

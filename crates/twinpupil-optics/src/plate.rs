@@ -154,13 +154,13 @@ pub(crate) mod tests {
     }
 
     fn plate(lens: &FresnelLens, wavelength_nm: f64) -> Plate {
-        Plate::new(lens, Glass::Pmma.index(wavelength_nm).unwrap()).unwrap()
+        Plate::new(lens, Glass::built_in("pmma", "lens.material").unwrap().index(wavelength_nm).unwrap()).unwrap()
     }
 
     /// Where a ray that comes parallel to the axis from the object crosses it, and its slope: x = slope · (t − t₀).
     fn parallel_ray(lens: &FresnelLens, plate: &Plate, height_mm: f64) -> Result<(f64, f64), RayFate> {
         let line = Line { at_peaks_mm: [height_mm, 0.0], slope: [0.0, 0.0] };
-        let n_d = Glass::Pmma.index(lens.design_wavelength_nm).unwrap();
+        let n_d = Glass::built_in("pmma", "lens.material").unwrap().index(lens.design_wavelength_nm).unwrap();
         // t of the groove peaks, and the sense of depth.
         let (out, peaks_mm, sense) = match lens.grooves {
             GrooveSide::Object => (plate.enter_grooves(&line)?, lens.thickness_mm * (1.0 / n_d - 1.0), 1.0),
@@ -195,7 +195,9 @@ pub(crate) mod tests {
                 });
                 let limit_mm = near.1 - near.0 * (far.1 - near.1) / (far.0 - near.0);
                 let paraxial_mm = CardinalPoints::of_fresnel(&lens, wavelength_nm).unwrap().focal_length_mm;
-                let lensmaker_mm = 100.0 * (Glass::Pmma.index(587.6).unwrap() - 1.0) / (plate.index - 1.0);
+                let lensmaker_mm = 100.0
+                    * (Glass::built_in("pmma", "lens.material").unwrap().index(587.6).unwrap() - 1.0)
+                    / (plate.index - 1.0);
                 assert!((paraxial_mm / lensmaker_mm - 1.0).abs() < 1e-12);
                 assert!((limit_mm / lensmaker_mm - 1.0).abs() < 1e-6, "{wavelength_nm}: {limit_mm} {lensmaker_mm}");
             }

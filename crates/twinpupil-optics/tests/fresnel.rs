@@ -131,7 +131,8 @@ fn what_cannot_be_traced_is_refused_with_one_sentence() {
         let text = paper::INSTRUMENT_TOML.replacen("model = \"thin\"", &format!("model = \"fresnel\"\n{to}"), 1);
         Camera::new(&Instrument::from_toml(&text).unwrap()).expect_err("must be refused").to_string()
     };
-    assert_eq!(edited("material = \"glass\""), "`lens.material` is glass; legal: pmma");
+    let message = edited("material = \"glass\"");
+    assert!(message.starts_with("`lens.material` is glass; legal: one of"), "{message}");
     assert!(edited("design_wavelength_nm = 300.0").contains("300 nm is outside"));
     assert!(edited("thickness_mm = 0.01").contains("`lens.thickness_mm` is 0.01"));
 }

@@ -7,7 +7,8 @@ use anyhow::{Context, Result};
 use clap::{Parser, Subcommand};
 
 use crate::commands::{
-    analyze, calibrate, crosstalk, demo, detect, fit, instrument, reconstruct, reproduce, scene, simulate, target,
+    analyze, calibrate, crosstalk, demo, detect, fit, instrument, optics, reconstruct, reproduce, scene, simulate,
+    target,
 };
 use crate::console::Console;
 
@@ -53,6 +54,9 @@ enum Command {
     /// Tell what a design is worth
     #[command(subcommand)]
     Analyze(analyze::Command),
+    /// Tell what a lens does that is given surface by surface
+    #[command(subcommand)]
+    Optics(optics::Command),
     /// Measure crosstalk on flat frames and write it into an instrument file
     Crosstalk(crosstalk::Args),
     /// Repeat the experiments of the paper and set the results beside the published ones
@@ -96,6 +100,7 @@ fn run(cli: &Cli) -> Result<()> {
         Command::Fit(command) => fit::run(command),
         Command::Calibrate(args) => calibrate::run(args, &console),
         Command::Analyze(command) => analyze::run(command, &console),
+        Command::Optics(command) => optics::run(command),
         Command::Crosstalk(args) => crosstalk::run(args, &console),
         Command::Reproduce(args) => reproduce::run(args, &console),
         Command::Demo(args) => demo::run(args, &console),

@@ -9,6 +9,7 @@ pub mod detect;
 pub mod figures;
 pub mod fit;
 pub mod instrument;
+pub mod optics;
 pub mod options;
 pub mod reconstruct;
 pub mod reproduce;

@@ -9,6 +9,7 @@ pub mod files;
 pub mod folder;
 pub mod frame;
 pub mod input;
+pub mod lens;
 pub mod output;
 pub mod page;
 mod parquet;

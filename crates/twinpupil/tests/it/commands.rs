@@ -174,3 +174,30 @@ fn a_reader_who_leaves_early_is_no_failure() {
     child.stderr.take().unwrap().read_to_string(&mut errors).unwrap();
     assert_eq!((status.code(), errors.as_str()), (Some(0), ""));
 }
+
+#[test]
+fn a_lens_is_shown_and_drawn() {
+    // The numbers of CODE V's listing, as `twinpupil-optics/tests/prescriptions/double_gauss.rs` has them.
+    let workplace = Workplace::new();
+    workplace.write("lens.toml", include_str!("../../../twinpupil-optics/tests/lenses/double-gauss.toml"));
+    let used = "--wavelength-nm 587.6 --wavelength-nm 486.1 --wavelength-nm 656.3 --pupil-mm 50 --field-deg 14";
+    let text = workplace.succeed(&format!("optics show lens.toml {used} --svg lens.svg"));
+    for expected in ["100.0038", "-29.3208", "61.4875", "57.9120", "-53.1569", "57.3201", "f/2.0001", "0.217488"] {
+        assert!(text.contains(expected), "{expected}: {text}");
+    }
+    assert!(workplace.read("lens.svg").starts_with("<svg"));
+    let shown: serde_json::Value =
+        serde_json::from_str(&workplace.succeed(&format!("optics show lens.toml {used} --json"))).unwrap();
+    assert_eq!(shown["beam"]["aberrations"].as_array().unwrap().len(), 12);
+
+    // The chief ray at 24.588739, the paraxial one at 24.846684.
+    let text = workplace.succeed(&format!("optics spot lens.toml {used} --rays 100"));
+    assert!(text.contains("-1.038") && text.contains("24.58874"), "{text}");
+    assert_eq!(text.lines().count(), 1 + 5 * 3);
+
+    let error = workplace.fail("optics spot lens.toml");
+    assert!(error.contains("nothing limits the beam; state --pupil-mm"), "{error}");
+    workplace.write("bad.zmx", "SURF 0\nSURF 1\nTYPE BINARY_2\nSURF 2\n");
+    let error = workplace.fail("optics show bad.zmx");
+    assert!(error.contains("bad.zmx: line 3: surface type BINARY_2 is unknown"), "{error}");
+}

@@ -1,0 +1,283 @@
+//! Sequential lenses of `.zmx` files.
+//!
+//! A file is a list of lines with a keyword and values; what follows `SURF n` belongs to surface n. Solves and pickups are
+//! not followed: a file also holds the numbers that they came to.
+
+mod surface;
+
+use std::collections::BTreeMap;
+
+use twinpupil_instrument::check::{SyntaxError, ValueError};
+use twinpupil_instrument::{Prescription, PrescriptionSpec, SURFACES_MAX};
+
+use crate::text::decode;
+use surface::Entry;
+
+/// What a `.zmx` file says.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ZmxLens {
+    /// The lens, in mm. Surface 0 of the file is the object, its last one the image; a coordinate break whose tilts come
+    /// before its shift takes several breaks here, so later surfaces may count higher.
+    pub prescription: Prescription,
+    /// Wavelengths, nm, the primary one first.
+    pub wavelengths_nm: Vec<f64>,
+    /// What limits the beam, if the file says so.
+    pub beam: Option<Beam>,
+    /// Points of the field.
+    pub fields: Vec<FieldPoint>,
+    /// Catalogues in which its glasses are to be found, by name.
+    pub catalogues: Vec<String>,
+}
+
+/// What limits the beam of a lens.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Beam {
+    /// Diameter of the entrance pupil, mm.
+    EntrancePupil {
+        /// mm.
+        diameter_mm: f64,
+    },
+    /// Focal length over the diameter of the entrance pupil.
+    FNumber {
+        /// That ratio.
+        f_number: f64,
+    },
+    /// Sine of the half angle of the beam from the object.
+    ObjectAperture {
+        /// The sine.
+        sine: f64,
+    },
+    /// As large as the stop is.
+    Stop,
+}
+
+/// A point of the field.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum FieldPoint {
+    /// Angles against the axis along x and y, degrees.
+    Angle([f64; 2]),
+    /// Height of the object, mm.
+    Object([f64; 2]),
+    /// Height of the image, mm.
+    Image([f64; 2]),
+}
+
+/// Most fields and wavelengths of a file.
+const LIST_MAX: usize = 1000;
+
+impl ZmxLens {
+    /// Reads a file.
+    pub fn read(bytes: &[u8]) -> Result<Self, SyntaxError> {
+        let text = decode(bytes)?;
+        let mut file = File::default();
+        for (number, line) in (1..).zip(text.lines()) {
+            file.take(&Line::new(line, number))?;
+        }
+        file.lens()
+    }
+}
+
+/// One line: a keyword and what follows.
+struct Line<'a> {
+    number: usize,
+    keyword: &'a str,
+    values: Vec<&'a str>,
+    /// All that follows, as it stands.
+    rest: &'a str,
+}
+
+impl<'a> Line<'a> {
+    fn new(text: &'a str, number: usize) -> Self {
+        let text = text.trim_matches(|c: char| c.is_whitespace() || c == '\u{1a}' || c == '\u{feff}');
+        let (keyword, rest) = text.split_once(char::is_whitespace).unwrap_or((text, ""));
+        Self { number, keyword, values: rest.split_whitespace().collect(), rest: rest.trim() }
+    }
+
+    fn error(&self, message: String) -> SyntaxError {
+        SyntaxError { line: self.number, message }
+    }
+
+    /// The value at `place`, which must be there.
+    fn word(&self, place: usize) -> Result<&'a str, SyntaxError> {
+        let lacks = || self.error(format!("{} lacks its value {}", self.keyword, place + 1));
+        self.values.get(place).copied().ok_or_else(lacks)
+    }
+
+    fn number(&self, place: usize) -> Result<f64, SyntaxError> {
+        let word = self.word(place)?;
+        let number = word.parse().ok().filter(|number: &f64| number.is_finite());
+        number.ok_or_else(|| self.error(format!("value {} of {} is {word}; legal: a number", place + 1, self.keyword)))
+    }
+
+    /// The number at `place`, or 0 where the line ends before it.
+    fn number_or_zero(&self, place: usize) -> Result<f64, SyntaxError> {
+        if place < self.values.len() { self.number(place) } else { Ok(0.0) }
+    }
+
+    /// A count or an index.
+    fn count(&self, place: usize, max: usize) -> Result<usize, SyntaxError> {
+        let number = self.number(place)?;
+        if (0.0..=max as f64).contains(&number) && number.fract() == 0.0 {
+            return Ok(number as usize);
+        }
+        Err(self.error(format!(
+            "value {} of {} is {number}; legal: a whole number up to {max}",
+            place + 1,
+            self.keyword
+        )))
+    }
+
+    fn numbers(&self) -> Result<Vec<f64>, SyntaxError> {
+        (0..self.values.len().min(LIST_MAX)).map(|place| self.number(place)).collect()
+    }
+}
+
+/// What has been read so far.
+#[derive(Default)]
+struct File {
+    name: String,
+    /// mm in a unit of the file.
+    unit_mm: Option<f64>,
+    beam: Option<Beam>,
+    field_kind: usize,
+    field_count: Option<usize>,
+    wavelength_count: Option<usize>,
+    field_x: Vec<f64>,
+    field_y: Vec<f64>,
+    wavelengths_nm: BTreeMap<usize, f64>,
+    primary: usize,
+    catalogues: Vec<String>,
+    surfaces: Vec<Entry>,
+    last_line: usize,
+}
+
+impl File {
+    fn take(&mut self, line: &Line<'_>) -> Result<(), SyntaxError> {
+        self.last_line = line.number;
+        match line.keyword {
+            "MODE" if line.word(0)? != "SEQ" => {
+                return Err(line.error(format!("MODE is {}; legal: SEQ, a sequential lens", line.word(0)?)));
+            }
+            "NAME" => self.name = line.rest.to_owned(),
+            "UNIT" => self.unit_mm = Some(unit_mm(line)?),
+            "ENPD" => self.beam = Some(Beam::EntrancePupil { diameter_mm: line.number(0)? }),
+            "FNUM" => self.beam = Some(Beam::FNumber { f_number: line.number(0)? }),
+            "OBNA" => self.beam = Some(Beam::ObjectAperture { sine: line.number(0)? }),
+            "FLOA" => self.beam = Some(Beam::Stop),
+            "FTYP" => self.take_counts(line)?,
+            "XFLN" | "XFLD" => self.field_x = line.numbers()?,
+            "YFLN" | "YFLD" => self.field_y = line.numbers()?,
+            "WAVM" => {
+                self.wavelengths_nm.insert(line.count(0, LIST_MAX)?, 1000.0 * line.number(1)?);
+            }
+            "WAVL" => self.wavelengths_nm = (1..).zip(line.numbers()?.into_iter().map(|um| 1000.0 * um)).collect(),
+            "PWAV" => self.primary = line.count(0, LIST_MAX)?,
+            "GCAT" => self.catalogues = line.values.iter().map(|name| (*name).to_owned()).collect(),
+            "SURF" => {
+                if self.surfaces.len() > SURFACES_MAX {
+                    return Err(line.error(format!("there are more than {SURFACES_MAX} surfaces")));
+                }
+                let number = line.count(0, SURFACES_MAX + 2)?;
+                if number != self.surfaces.len() {
+                    return Err(line.error(format!("SURF is {number}; legal: {}, the next", self.surfaces.len())));
+                }
+                self.surfaces.push(Entry::new(line.number));
+            }
+            _ => {
+                if let Some(surface) = self.surfaces.last_mut() {
+                    surface.take(line)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// FTYP: kind of field, whether telecentric, number of fields, number of wavelengths.
+    fn take_counts(&mut self, line: &Line<'_>) -> Result<(), SyntaxError> {
+        self.field_kind = line.count(0, 10)?;
+        if line.values.len() > 3 {
+            self.field_count = Some(line.count(2, LIST_MAX)?);
+            self.wavelength_count = Some(line.count(3, LIST_MAX)?);
+        }
+        Ok(())
+    }
+
+    fn lens(self) -> Result<ZmxLens, SyntaxError> {
+        let at_end = |message: &str| SyntaxError { line: self.last_line.max(1), message: message.to_owned() };
+        let scale_mm = self.unit_mm.unwrap_or(1.0);
+        let [object, surfaces @ .., image] = &self.surfaces[..] else {
+            return Err(at_end("the file ends without a lens: it has no surface between object and image"));
+        };
+        let mut media = BTreeMap::new();
+        let (mut made, mut lines) = (Vec::new(), Vec::new());
+        for entry in surfaces {
+            let before = made.len();
+            entry.surfaces(scale_mm, &mut media, &mut made)?;
+            lines.extend(std::iter::repeat_n(entry.line, made.len() - before));
+        }
+        let spec = PrescriptionSpec {
+            name: self.name.clone(),
+            object_distance_mm: object.distance.map(|distance| distance * scale_mm),
+            surfaces: made,
+            image: image.shape(scale_mm)?,
+            media,
+        };
+        let image_line = image.line;
+        let object_line = object.line;
+        let prescription = Prescription::new(spec).map_err(|error| SyntaxError {
+            line: line_of(&error, &lines).unwrap_or(if error.key.starts_with("image") {
+                image_line
+            } else {
+                object_line
+            }),
+            message: error.to_string(),
+        })?;
+        Ok(ZmxLens {
+            prescription,
+            wavelengths_nm: self.wavelengths_nm(),
+            beam: self.beam.map(|beam| match beam {
+                Beam::EntrancePupil { diameter_mm } => Beam::EntrancePupil { diameter_mm: diameter_mm * scale_mm },
+                other => other,
+            }),
+            fields: self.fields(scale_mm),
+            catalogues: self.catalogues,
+        })
+    }
+
+    /// The primary wavelength, then the others. The file always holds a full list, of which only the first count.
+    fn wavelengths_nm(&self) -> Vec<f64> {
+        let count = self.wavelength_count.unwrap_or(LIST_MAX).max(1);
+        let mut used: Vec<(usize, f64)> =
+            self.wavelengths_nm.iter().map(|(k, nm)| (*k, *nm)).filter(|(k, nm)| *k <= count && *nm > 0.0).collect();
+        used.sort_by_key(|(k, _)| *k != self.primary);
+        used.into_iter().map(|(_, nm)| nm).collect()
+    }
+
+    fn fields(&self, scale_mm: f64) -> Vec<FieldPoint> {
+        let listed = self.field_x.len().max(self.field_y.len());
+        let count = self.field_count.unwrap_or(listed).min(listed);
+        let point = |k: usize| [&self.field_x, &self.field_y].map(|list| list.get(k).copied().unwrap_or(0.0));
+        let points = (0..count).map(point).map(|point| match self.field_kind {
+            0 => FieldPoint::Angle(point),
+            1 => FieldPoint::Object(point.map(|height| height * scale_mm)),
+            _ => FieldPoint::Image(point.map(|height| height * scale_mm)),
+        });
+        points.collect()
+    }
+}
+
+fn unit_mm(line: &Line<'_>) -> Result<f64, SyntaxError> {
+    match line.word(0)? {
+        "MM" => Ok(1.0),
+        "CM" => Ok(10.0),
+        "IN" => Ok(25.4),
+        "M" | "METER" => Ok(1000.0),
+        other => Err(line.error(format!("UNIT is {other}; legal: MM, CM, IN, M"))),
+    }
+}
+
+/// The line on which a surface begins that an error is about.
+fn line_of(error: &ValueError, lines: &[usize]) -> Option<usize> {
+    let (index, _) = error.key.strip_prefix("surface[")?.split_once(']')?;
+    lines.get(index.parse::<usize>().ok()?).copied()
+}

@@ -1,0 +1,7 @@
+//! Rays through lenses that are given surface by surface, against other programs and against what must hold of any lens.
+
+mod double_gauss;
+mod other_programs;
+mod properties;
+mod published;
+mod zmx;

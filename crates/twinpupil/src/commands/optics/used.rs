@@ -1,0 +1,130 @@
+//! A lens as it is used: wavelengths, beam and field.
+
+use std::path::PathBuf;
+
+use anyhow::{Context, Result};
+use clap::Args;
+use twinpupil_optics::{Beam, Catalogue, Field, FieldPoint, FirstOrder, Ray, Train, paraxial_rays};
+
+use crate::io::lens::{LensFile, read_catalogues, read_lens};
+
+/// A lens, and how it is used where that is not what its file says.
+#[derive(Debug, Args)]
+pub(super) struct LensArgs {
+    /// Lens: a `.zmx` file, or a prescription in TOML
+    lens: PathBuf,
+    /// AGF catalogue with glasses of the lens; may be given several times
+    #[arg(long, value_name = "FILE")]
+    agf: Vec<PathBuf>,
+    /// Wavelength, nm, the primary one first; may be given several times, else those of the file
+    #[arg(long, value_name = "NM")]
+    wavelength_nm: Vec<f64>,
+    /// Diameter of the entrance pupil, mm; else that of the file
+    #[arg(long, value_name = "MM")]
+    pupil_mm: Option<f64>,
+    /// Largest angle of the field, degrees; else that of the file
+    #[arg(long, value_name = "DEG")]
+    field_deg: Option<f64>,
+}
+
+/// A lens as it is used, at every wavelength.
+pub(super) struct Used {
+    pub(super) file: LensFile,
+    /// The primary wavelength first.
+    pub(super) trains: Vec<Train>,
+    /// At the primary wavelength.
+    pub(super) first_order: FirstOrder,
+    /// Diameter of the entrance pupil, mm, if anything limits the beam.
+    pub(super) pupil_mm: Option<f64>,
+    /// Slope of the chief ray before the lens at the edge of the field.
+    pub(super) field_slope: f64,
+}
+
+impl Used {
+    pub(super) fn load(args: &LensArgs) -> Result<Self> {
+        let mut file = read_lens(&args.lens)?;
+        if !args.wavelength_nm.is_empty() {
+            file.wavelengths_nm.clone_from(&args.wavelength_nm);
+        }
+        let catalogues = read_catalogues(&args.agf)?;
+        let catalogues: Vec<&Catalogue> = catalogues.iter().collect();
+        let train = |nm: &f64| Train::new(&file.prescription, &catalogues, *nm);
+        let trains = file.wavelengths_nm.iter().map(train).collect::<Result<Vec<_>, _>>();
+        let trains = trains.with_context(|| args.lens.display().to_string())?;
+        let first_order = trains[0].first_order(file.prescription.stop());
+        let pupil_mm = args.pupil_mm.or_else(|| pupil_mm(&file, &first_order));
+        let field_slope = match args.field_deg {
+            Some(deg) => deg.to_radians().tan(),
+            None => file.fields.iter().map(|field| slope(*field, &file, &first_order)).fold(0.0, f64::max),
+        };
+        Ok(Self { file, trains, first_order, pupil_mm, field_slope })
+    }
+
+    /// The trains of the shortest and the longest wavelength.
+    pub(super) fn shortest_and_longest(&self) -> [usize; 2] {
+        let nm = &self.file.wavelengths_nm;
+        let by_wavelength = |a: &usize, b: &usize| nm[*a].total_cmp(&nm[*b]);
+        let all = 0..self.trains.len();
+        [all.clone().min_by(by_wavelength), all.max_by(by_wavelength)].map(|k| k.unwrap_or(0))
+    }
+
+    /// Where the paraxial chief ray of the primary wavelength meets the image, mm.
+    pub(super) fn paraxial_image_mm(&self, slope: f64) -> f64 {
+        let chief = paraxial_rays(&self.trains[0].paraxial_surfaces(), 1.0, self.first_order.chief_ray(slope));
+        let gap_mm = self.file.prescription.surfaces.last().map_or(0.0, |last| last.gap_mm);
+        chief.last().map_or(0.0, |ray| ray.height_mm + ray.slope * gap_mm)
+    }
+
+    /// What limits the beam, or what to do about it.
+    pub(super) fn pupil_mm(&self) -> Result<f64> {
+        self.pupil_mm.context("nothing limits the beam; state --pupil-mm")
+    }
+
+    /// Rays before the lens from a point of the field along y, by the slope of its chief ray, through places of the stop,
+    /// in its radii; without a stop through places of the first vertex. Those that no ray reaches are left out.
+    pub(super) fn rays(&self, train: &Train, slope: f64, places: &[[f64; 2]]) -> Result<Vec<Ray>> {
+        let (pupil, radius_mm) = (self.first_order.entrance_pupil, 0.5 * self.pupil_mm()?);
+        let field = match self.file.prescription.object_distance_mm {
+            Some(distance_mm) => {
+                let pupil_depth_mm = pupil.map_or(0.0, |pupil| pupil.position_mm);
+                Field::Point { position_mm: [0.0, -slope * (distance_mm + pupil_depth_mm), -distance_mm] }
+            }
+            None => Field::Infinite { slope: [0.0, slope] },
+        };
+        let Some((stop, pupil)) = self.file.prescription.stop().zip(pupil) else {
+            let ray = |[x, y]: &[f64; 2]| Ray::new([x * radius_mm, y * radius_mm, 0.0], [0.0, slope, 1.0]);
+            return Ok(places.iter().map(ray).collect());
+        };
+        let stop_radius_mm = radius_mm / pupil.magnification.abs();
+        let places_mm: Vec<[f64; 2]> = places.iter().map(|place| place.map(|part| part * stop_radius_mm)).collect();
+        Ok(train.aim(stop, field, &places_mm, stop_radius_mm).into_iter().flatten().collect())
+    }
+}
+
+/// Diameter of the entrance pupil by what the file says, mm.
+fn pupil_mm(file: &LensFile, lens: &FirstOrder) -> Option<f64> {
+    let stop = file.prescription.stop().map(|stop| &file.prescription.surfaces[stop]);
+    let of_stop = || Some(2.0 * stop?.semi_diameter_mm? * lens.entrance_pupil?.magnification.abs());
+    match file.beam {
+        Some(Beam::EntrancePupil { diameter_mm }) => Some(diameter_mm),
+        Some(Beam::FNumber { f_number }) => Some((lens.focal_length_mm / f_number).abs()),
+        Some(Beam::ObjectAperture { sine }) => {
+            let pupil_mm = lens.entrance_pupil.map_or(0.0, |pupil| pupil.position_mm);
+            let distance_mm = file.prescription.object_distance_mm? + pupil_mm;
+            Some(2.0 * distance_mm.abs() * sine / (1.0 - sine * sine).sqrt())
+        }
+        Some(Beam::Stop) | None => of_stop(),
+    }
+}
+
+/// Slope of the chief ray of a point of the field, whichever way it lies.
+fn slope(field: FieldPoint, file: &LensFile, lens: &FirstOrder) -> f64 {
+    let pupil_mm = lens.entrance_pupil.map_or(0.0, |pupil| pupil.position_mm);
+    match field {
+        FieldPoint::Angle(deg) => deg[0].to_radians().tan().hypot(deg[1].to_radians().tan()),
+        FieldPoint::Object([x, y]) => {
+            file.prescription.object_distance_mm.map_or(0.0, |mm| (x.hypot(y) / (mm + pupil_mm)).abs())
+        }
+        FieldPoint::Image([x, y]) => (x.hypot(y) / lens.focal_length_mm).abs(),
+    }
+}

@@ -1,0 +1,44 @@
+//! Lenses that are given surface by surface: `.zmx` files, or prescriptions in TOML.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+use twinpupil_instrument::Prescription;
+use twinpupil_optics::{Beam, Catalogue, FieldPoint, ZmxLens};
+
+use super::input;
+
+/// A lens and what its file says of its use.
+#[derive(Debug)]
+pub struct LensFile {
+    /// The lens.
+    pub prescription: Prescription,
+    /// Wavelengths, nm, the primary one first.
+    pub wavelengths_nm: Vec<f64>,
+    /// What limits the beam.
+    pub beam: Option<Beam>,
+    /// Points of the field.
+    pub fields: Vec<FieldPoint>,
+}
+
+/// Where a file names no wavelengths: those of the d, F and C lines.
+const WAVELENGTHS_NM: [f64; 3] = [587.5618, 486.1327, 656.2725];
+
+/// Reads a lens: a `.zmx` file by its extension, else a prescription.
+pub fn read_lens(path: &Path) -> Result<LensFile> {
+    let name = || path.display().to_string();
+    if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("zmx")) {
+        let lens = ZmxLens::read(&input::read_bytes(path)?).with_context(name)?;
+        let wavelengths_nm = if lens.wavelengths_nm.is_empty() { WAVELENGTHS_NM.to_vec() } else { lens.wavelengths_nm };
+        return Ok(LensFile { prescription: lens.prescription, wavelengths_nm, beam: lens.beam, fields: lens.fields });
+    }
+    let prescription = Prescription::from_toml(&input::read_text(path)?).with_context(name)?;
+    Ok(LensFile { prescription, wavelengths_nm: WAVELENGTHS_NM.to_vec(), beam: None, fields: Vec::new() })
+}
+
+/// Reads AGF catalogues.
+pub fn read_catalogues(paths: &[PathBuf]) -> Result<Vec<Catalogue>> {
+    let read =
+        |path: &PathBuf| Catalogue::from_agf(&input::read_bytes(path)?).with_context(|| path.display().to_string());
+    paths.iter().map(read).collect()
+}
