@@ -5,6 +5,7 @@ use rayon::prelude::*;
 
 use crate::forward::{CAMERA_SLOTS, SLOTS, Slots, View, spot};
 use crate::pose::Pose;
+use crate::stage::{StagePosition, WAY_SIZE, Way};
 use crate::unknown::Unknown;
 
 /// What one band of one frame says of one dot's image.
@@ -48,6 +49,8 @@ pub(crate) struct Problem<'a> {
     pub(crate) dots: &'a Dots,
     /// Ordered by frame.
     pub(crate) observations: &'a [Observation],
+    /// Where a stage says that the target stood, frame by frame; empty if there is none.
+    pub(crate) stage: &'a [Option<StagePosition>],
     /// χ² of an observation beyond which it is doubted.
     pub(crate) doubt_chi2: f64,
 }
@@ -60,6 +63,8 @@ pub(crate) struct State {
     pub(crate) poses: Vec<Pose>,
     /// How far every dot lies beside its place on the target, mm.
     pub(crate) offsets_mm: Vec<[f64; 2]>,
+    /// The way of the stage.
+    pub(crate) way: Option<Way>,
 }
 
 /// The state that explains the observations best.
@@ -83,9 +88,7 @@ const EASIER: f64 = 0.1;
 const HARDER: f64 = 10.0;
 const DAMPING: [f64; 3] = [1e-12, 1e-4, 1e12];
 
-/// Larger steps are not trusted: of an unknown in its prior deviations, of a pose's turn, rad, and of its place over its
-/// distance.
-const STEP_SIGMAS_MAX: f64 = 3.0;
+/// Larger steps of a pose are not trusted: of its turn, rad, and of its place over its distance.
 const TURN_RAD_MAX: f64 = 0.3;
 const SHIFT_MAX: f64 = 0.2;
 
@@ -145,16 +148,20 @@ impl Problem<'_> {
     fn step(&self, state: &State, shares: &[Share], damping: f64, cost: f64) -> Option<(State, Vec<Share>, f64)> {
         let reduced = self.reduced(state, shares, damping)?;
         let shared = reduced.factor.solve(&reduced.score);
-        let mut is_trusted = shared.rows(0, self.unknowns.len()).amax() < STEP_SIGMAS_MAX;
+        let mut is_trusted = shared.iter().all(|step| step.is_finite());
         let mut next = state.clone();
         for ((value, unknown), step) in next.values.iter_mut().zip(self.unknowns).zip(shared.iter()) {
             *value += step * unknown.prior_std;
         }
         if let Some(std_mm) = self.dots.place_std_mm {
             let steps = shared.as_slice()[self.unknowns.len()..].chunks_exact(2);
+            // The numbers of a way, which may follow, are no offsets.
             for (offset, step) in next.offsets_mm.iter_mut().zip(steps) {
                 *offset = [offset[0] + step[0] * std_mm, offset[1] + step[1] * std_mm];
             }
+        }
+        if let (Some(first), Some(way)) = (self.way_start(state), &mut next.way) {
+            *way = way.moved(&shared.fixed_rows::<WAY_SIZE>(first).into_owned());
         }
         for ((pose, share), inverse) in next.poses.iter_mut().zip(shares).zip(&reduced.pose_inverses) {
             let Some(inverse) = inverse else { continue };
@@ -174,7 +181,7 @@ impl Problem<'_> {
 
     /// Eliminates the poses.
     fn reduced(&self, state: &State, shares: &[Share], damping: f64) -> Option<Reduced> {
-        let size = self.shared_size();
+        let size = self.shared_size(state);
         let (mut information, mut score) = (DMatrix::identity(size, size), DVector::zeros(size));
         for (k, (value, unknown)) in state.values.iter().zip(self.unknowns).enumerate() {
             score[k] = (unknown.expected - value) / unknown.prior_std;
@@ -208,9 +215,43 @@ impl Problem<'_> {
         Some(Reduced { factor: information.cholesky()?, score, pose_inverses })
     }
 
-    /// Unknowns that all frames share.
-    fn shared_size(&self) -> usize {
+    /// Unknowns that all frames share: those sought, then where dots lie, then the way of the stage.
+    fn shared_size(&self, state: &State) -> usize {
+        self.way_start(state).map_or_else(|| self.placed_end(), |first| first + WAY_SIZE)
+    }
+
+    fn placed_end(&self) -> usize {
         self.unknowns.len() + if self.dots.place_std_mm.is_some() { 2 * self.dots.position_mm.len() } else { 0 }
+    }
+
+    /// The first number of the stage's way among what all frames share.
+    fn way_start(&self, state: &State) -> Option<usize> {
+        (state.way.is_some() && !self.stage.is_empty()).then(|| self.placed_end())
+    }
+
+    /// How far the target stands beside where the stage says, mm.
+    pub(crate) fn off_stage_mm(&self, state: &State, frame: usize) -> Option<Vector3<f64>> {
+        let position = self.stage.get(frame)?.as_ref()?;
+        Some(state.poses[frame].translation_mm - state.way?.at(position.travel_mm).0)
+    }
+
+    /// Adds what the stage says of a frame.
+    fn add_stage(&self, share: &mut Share, state: &State, frame: usize) {
+        let (Some(first), Some(off_mm)) = (self.way_start(state), self.off_stage_mm(state, frame)) else { return };
+        let (Some(way), Some(position)) = (&state.way, &self.stage[frame]) else { return };
+        let (_, gradient) = way.at(position.travel_mm);
+        let weight = position.std_mm.powi(-2);
+        share.cost += weight * off_mm.norm_squared();
+        for k in 0..3 {
+            share.pose[(3 + k, 3 + k)] += weight;
+            share.pose_score[3 + k] -= weight * off_mm[k];
+        }
+        let mut shared = share.shared.fixed_view_mut::<WAY_SIZE, WAY_SIZE>(first, first);
+        shared += weight * gradient.transpose() * gradient;
+        let mut score = share.shared_score.fixed_rows_mut::<WAY_SIZE>(first);
+        score += weight * gradient.transpose() * off_mm;
+        let mut mixed = share.mixed.fixed_view_mut::<WAY_SIZE, 3>(first, 3);
+        mixed -= weight * gradient.transpose();
     }
 
     fn shares(&self, state: &State) -> Vec<Share> {
@@ -224,7 +265,7 @@ impl Problem<'_> {
     }
 
     fn share(&self, observations: &[Observation], cameras: &[BandCamera], state: &State, frame: usize) -> Share {
-        let size = self.shared_size();
+        let size = self.shared_size(state);
         let mut share = Share {
             shared: DMatrix::zeros(size, size),
             shared_score: DVector::zeros(size),
@@ -256,6 +297,10 @@ impl Problem<'_> {
                     share.mixed[(*i, k)] += weighted.dot(&pose.column(k));
                 }
             }
+        }
+        // A frame that shows nothing does not tell where the stage is either.
+        if !observations.is_empty() {
+            self.add_stage(&mut share, state, frame);
         }
         share
     }
@@ -353,7 +398,7 @@ impl Problem<'_> {
 /// How far the forward model's images may be from those of the real masks: u, v, radius and blur, px. The light across an
 /// edge is modelled to some ten-thousandths of a pixel, alike for all dots of a frame, so that many dots make it no better:
 /// radius and blur count for less than their noise would have them.
-const MODEL_STD_PX: [f64; 4] = [2e-4, 2e-4, 3e-3, 8e-3];
+const MODEL_STD_PX: [f64; 4] = [2e-4, 2e-4, 8e-3, 1.5e-2];
 
 /// The same where the masks cut the light, near the axis.
 const CUT_STD_PX: [f64; 4] = [2.5e-3, 2.5e-3, 2.5e-2, 2.5e-2];
@@ -516,7 +561,7 @@ mod tests {
 
     /// Frames of a grid of dots seen by a camera off its data sheet, with errors of some thousandths of a pixel.
     fn observations(start: &Problem<'_>, values: &[f64], poses: &[Pose]) -> Vec<Observation> {
-        let state = State { values: values.to_vec(), poses: poses.to_vec(), offsets_mm: vec![[0.0; 2]; 35] };
+        let state = State { values: values.to_vec(), poses: poses.to_vec(), offsets_mm: vec![[0.0; 2]; 35], way: None };
         let cameras = start.cameras_of(values);
         let mut observations = Vec::new();
         for (frame, pose) in poses.iter().enumerate() {
@@ -558,6 +603,7 @@ mod tests {
             start: &expected,
             dots: &dots,
             observations: &[],
+            stage: &[],
             doubt_chi2: f64::INFINITY,
         };
         let values: Vec<f64> = unknowns
@@ -571,6 +617,7 @@ mod tests {
             values: expected.clone(),
             poses: poses.iter().map(|pose| pose.moved(Vector3::new(0.01, -0.02, 0.01), Vector3::repeat(0.5))).collect(),
             offsets_mm: vec![[0.0; 2]; 35],
+            way: None,
         };
         let own = problem.adjust(start.clone()).unwrap();
         let steps = DVector::zeros(unknowns.len() + 6 * poses.len());

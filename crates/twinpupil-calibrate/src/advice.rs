@@ -17,6 +17,9 @@ const FRAMES_MIN: usize = 4;
 /// Share of the sensor's width or height that the dots should reach across.
 const COVER_MIN: f64 = 0.7;
 
+/// Deviations beside the stage's way that are no chance.
+const OFF_STAGE_SIGMAS: f64 = 3.0;
+
 pub(crate) fn advice(calibration: &Calibration, target: &Target) -> Vec<String> {
     let mut advice = Vec::new();
     let frames = &calibration.frames;
@@ -42,6 +45,7 @@ pub(crate) fn advice(calibration: &Calibration, target: &Target) -> Vec<String> 
         advice.push(format!("no pose is tilted by more than {tilt_deg:.0}°: tilt the target by 20° to 40° in some"));
     }
     advice.extend(cover(calibration));
+    advice.extend(off_stage(calibration));
     for number in &calibration.numbers {
         let Some(why) = &number.left_open else { continue };
         let reason = match why {
@@ -63,6 +67,19 @@ pub(crate) fn advice(calibration: &Calibration, target: &Target) -> Vec<String> 
         advice.push(format!("only {} of the target's {} dots were ever seen", dots.len(), target.dots().len()));
     }
     advice
+}
+
+/// Whether the stage and the frames contradict each other.
+fn off_stage(calibration: &Calibration) -> Option<String> {
+    let off = || calibration.frames.iter().filter_map(|frame| frame.off_stage);
+    let count = off().count();
+    let sigmas = (off().map(|off| off.sigmas.powi(2)).sum::<f64>() / count.max(1) as f64).sqrt();
+    (sigmas > OFF_STAGE_SIGMAS).then(|| {
+        format!(
+            "the target stands {sigmas:.0} deviations of the stage beside where that says: check its scale and that nothing \
+             but the stage moved the target's middle, or state a larger std_mm"
+        )
+    })
 }
 
 /// Whether the dots lie all over the sensor.

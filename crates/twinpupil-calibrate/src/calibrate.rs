@@ -16,6 +16,7 @@ use crate::lattice::{Spot, median};
 use crate::pose::{Pose, Sight};
 use crate::result::{Calibration, Conclusion};
 use crate::sighting::{Sighting, SightingError, recognise};
+use crate::stage::{StagePosition, Way};
 use crate::target::Target;
 use crate::unknown::{Choices, Quantity, Unknown, UnknownKey};
 
@@ -119,6 +120,8 @@ pub struct Calibrator<'a> {
     pub choices: &'a Choices,
     /// Standard deviation of the places of the target's dots, mm, if they are sought too.
     pub place_std_mm: Option<f64>,
+    /// Where a stage says that the target stood, frame by frame; empty if nothing does.
+    pub stage: &'a [Option<StagePosition>],
     /// Makes an instrument ready to read frames, whatever the mode.
     pub reader: &'a (dyn Fn(&Instrument) -> Result<Reconstructor, Foreign> + Sync),
     /// Reads a frame.
@@ -282,7 +285,8 @@ impl Calibrator<'_> {
             return Err(no_frames(faults));
         }
         loop {
-            let start = Now::start(self, reader, unknowns, poses.clone());
+            let stage = seen.iter().map(|one| self.stage.get(one.frame).copied().flatten()).collect();
+            let start = Now::start(self, reader, unknowns, poses.clone(), stage);
             let cameras = &start.cameras;
             let observations = |seen: &[Seen]| -> Vec<Observation> {
                 let state = &start.adjusted.state;
@@ -638,12 +642,20 @@ pub(crate) struct Now {
     pub(crate) projections: Vec<Projection>,
     pub(crate) cameras: Vec<BandCamera>,
     pub(crate) dots: Dots,
+    /// Of every frame that is used.
+    pub(crate) stage: Vec<Option<StagePosition>>,
     pub(crate) diameter_scale: f64,
     pub(crate) adjusted: Adjusted,
 }
 
 impl Now {
-    fn start(calibrator: &Calibrator<'_>, reader: &Reconstructor, unknowns: &[Unknown], poses: Vec<Pose>) -> Self {
+    fn start(
+        calibrator: &Calibrator<'_>,
+        reader: &Reconstructor,
+        unknowns: &[Unknown],
+        poses: Vec<Pose>,
+        stage: Vec<Option<StagePosition>>,
+    ) -> Self {
         let instrument = calibrator.instrument.clone();
         let projections = reader.projections();
         let cameras = cameras(&instrument, &projections, 1.0);
@@ -654,12 +666,13 @@ impl Now {
         };
         let state = State {
             values: unknowns.iter().map(|unknown| unknown.expected).collect(),
+            way: Way::through(&poses, &stage),
             poses,
             offsets_mm: vec![[0.0; 2]; dots.position_mm.len()],
         };
         let adjusted =
             Adjusted { state, covariance: DMatrix::zeros(0, 0), pose_covariances: Vec::new(), cost: f64::INFINITY };
-        Self { instrument, projections, cameras, dots, diameter_scale: 1.0, adjusted }
+        Self { instrument, projections, cameras, dots, stage, diameter_scale: 1.0, adjusted }
     }
 
     pub(crate) fn problem<'a>(
@@ -676,6 +689,8 @@ impl Now {
             start: &self.adjusted.state.values,
             dots: &self.dots,
             observations,
+            // Poses that are fitted alone are seen by the camera alone.
+            stage: if unknowns.is_empty() { &[] } else { &self.stage },
             doubt_chi2,
         }
     }
@@ -704,6 +719,7 @@ impl Now {
             projections: Vec::new(),
             cameras: Vec::new(),
             dots: self.dots.clone(),
+            stage: self.stage.clone(),
             diameter_scale,
             adjusted,
         };

@@ -17,13 +17,15 @@ mod lattice;
 mod pose;
 mod result;
 mod sighting;
+mod stage;
 mod target;
 mod unknown;
 
 pub use axis::{AxisError, AxisEstimate, AxisFinder};
 pub use calibrate::{CalibrateError, Calibrator, Fault, Foreign, FrameFault, Stage};
 pub use pose::Pose;
-pub use result::{Calibration, FrameResult, HeldOut, LeftOpen, Number, Residual};
+pub use result::{Calibration, FrameResult, HeldOut, LeftOpen, Number, OffStage, Residual};
 pub use sighting::SightingError;
+pub use stage::StagePosition;
 pub use target::{Fiducial, Target, TargetDot, TargetError, TargetKind, TargetSpec};
 pub use unknown::{Choices, DOT_DIAMETER_KEY, Quantity, UnknownKey, tolerance};

@@ -86,6 +86,17 @@ pub struct FrameResult {
     pub rms_px: f64,
     /// χ² of the frame's pixels about the forward model over their number.
     pub pixel_chi2: f64,
+    /// How far the target stands beside where the stage says, if it says so.
+    pub off_stage: Option<OffStage>,
+}
+
+/// How far the target stands beside where a stage says.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct OffStage {
+    /// Along x, y and z.
+    pub off_mm: [f64; 3],
+    /// Root mean square of the three in the stage's deviations.
+    pub sigmas: f64,
 }
 
 /// A spot and where it should be.
@@ -156,7 +167,10 @@ impl Calibration {
         let data = problem.information_of_each(&now.adjusted.state);
         let numbers = numbers(calibrator.instrument, unknowns, now, &covariance, &data);
         let frames: Vec<FrameResult> = (0..seen.len())
-            .map(|place| frame_result(place, now, seen, &residuals, (observations, fitness), reduced_chi2))
+            .map(|place| {
+                let result = frame_result(place, now, seen, &residuals, (observations, fitness), reduced_chi2);
+                FrameResult { off_stage: off_stage(&problem, now, place), ..result }
+            })
             .collect();
         let held_out = held_out(calibrator, unknowns, now, observations, seen.len())?;
         let mut calibration = Self {
@@ -289,7 +303,14 @@ fn frame_result(
         spots: own().count(),
         rms_px: rms_px(own()),
         pixel_chi2: chi2 / used_px.max(1) as f64,
+        off_stage: None,
     }
+}
+
+fn off_stage(problem: &Problem<'_>, now: &Now, place: usize) -> Option<OffStage> {
+    let off_mm = problem.off_stage_mm(&now.adjusted.state, place)?;
+    let position = problem.stage[place]?;
+    Some(OffStage { off_mm: off_mm.into(), sigmas: off_mm.norm() / position.std_mm / 3.0_f64.sqrt() })
 }
 
 /// Calibrates again without a part of the frames, and finds how the depth of their dots fits the target's plane.

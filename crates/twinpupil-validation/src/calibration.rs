@@ -1,8 +1,8 @@
 //! Cameras off their data sheet, calibrated from a target: how well the depth of other frames' dots comes out.
 
 use twinpupil_calibrate::{
-    AxisError, AxisEstimate, AxisFinder, CalibrateError, Calibration, Calibrator, Choices, Target, TargetKind,
-    TargetSpec,
+    AxisError, AxisEstimate, AxisFinder, CalibrateError, Calibration, Calibrator, Choices, StagePosition, Target,
+    TargetKind, TargetSpec,
 };
 use twinpupil_instrument::{Distortion, Frame, Instrument, InstrumentSpec, Lens, Mosaic, paper};
 use twinpupil_optics::response_table_for;
@@ -226,11 +226,23 @@ pub fn calibrate(
     frames: &[Frame],
     choices: &Choices,
 ) -> Result<Calibration, CalibrateError> {
+    calibrate_on_stage(data_sheet, target, frames, &[], choices)
+}
+
+/// Calibrates an instrument from frames of a target that a stage carries.
+pub fn calibrate_on_stage(
+    data_sheet: &Instrument,
+    target: &Target,
+    frames: &[Frame],
+    stage: &[Option<StagePosition>],
+    choices: &Choices,
+) -> Result<Calibration, CalibrateError> {
     let calibrator = Calibrator {
         instrument: data_sheet,
         target,
         choices,
         place_std_mm: None,
+        stage,
         reader: &|instrument| Ok(reader(instrument, Options::default())),
         frame: &|frame| Ok(frames[frame].clone()),
         progress: &|_| {},

@@ -2,10 +2,13 @@
 
 use std::sync::OnceLock;
 
-use twinpupil_calibrate::{CalibrateError, Calibration, Choices, FrameFault, LeftOpen, Target, TargetSpec};
+use twinpupil_calibrate::{
+    CalibrateError, Calibration, Choices, FrameFault, LeftOpen, StagePosition, Target, TargetSpec,
+};
 use twinpupil_instrument::{Frame, Instrument, Mosaic};
 use twinpupil_validation::calibration::{
-    DepthError, Exposures, POSES, axis, calibrate, calibrated, data_sheet, off_data_sheet, target,
+    DepthError, Exposures, POSES, TargetPose, axis, calibrate, calibrate_on_stage, calibrated, data_sheet,
+    off_data_sheet, target,
 };
 use twinpupil_validation::plates::Pose;
 
@@ -76,6 +79,29 @@ fn one_frame_shows_the_axis() {
     let found = axis(&Instrument::new(spec).expect("a legal instrument"), &plate.frames(2)).expect("an axis");
     let off_px = (found.axis_px[0] - true_px[0]).hypot(found.axis_px[1] - true_px[1]);
     assert!(off_px < 0.02, "{off_px}: {found:?}");
+}
+
+#[test]
+fn a_stage_tells_the_scale_of_depth() {
+    let alone = calibration();
+    // The middle of the target goes along the axis, in whatever way it is tilted.
+    let position = |pose: &TargetPose| StagePosition { travel_mm: pose.distance_mm - 250.0, std_mm: 1e-3 };
+    let mut stage: Vec<Option<StagePosition>> = POSES.iter().map(|pose| Some(position(pose))).collect();
+    stage[2] = None;
+    let of = |stage: &[Option<StagePosition>]| {
+        calibrate_on_stage(&data_sheet(Mosaic::Rgb), &target(), frames(), stage, &Choices::default()).expect("sound")
+    };
+    let carried = of(&stage);
+    let distance = |calibration: &Calibration| calibration.number("sensor.distance_mm").expect("it is sought").clone();
+    assert!(distance(&carried).std < 0.6 * distance(alone).std, "{:?} {:?}", distance(&carried), distance(alone));
+    let off_mm = distance(&carried).value - truth().sensor.distance_mm;
+    assert!(off_mm.abs() < 4.0 * distance(&carried).std, "{:?}", distance(&carried));
+    assert!(carried.frames[2].off_stage.is_none() && carried.frames[3].off_stage.is_some_and(|off| off.sigmas < 4.0));
+    assert!(!carried.advice.iter().any(|advice| advice.contains("the stage")), "{:?}", carried.advice);
+    // One that does not go as far as it says.
+    stage.iter_mut().flatten().for_each(|position| position.travel_mm *= 1.01);
+    let contradicted = of(&stage);
+    assert!(contradicted.advice.iter().any(|advice| advice.contains("check its scale")), "{:?}", contradicted.advice);
 }
 
 #[test]

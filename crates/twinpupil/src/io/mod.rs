@@ -17,6 +17,7 @@ mod ply;
 mod png;
 pub mod points;
 pub mod read_table;
+pub mod stage;
 pub mod table;
 mod tiff;
 pub mod truth;

@@ -15,7 +15,9 @@ use std::sync::Mutex;
 use anyhow::{Context, Result, anyhow, bail};
 use clap::Subcommand;
 use sha2::{Digest, Sha256};
-use twinpupil_calibrate::{Calibration, Calibrator, Choices, Fault, Foreign, FrameResult, Stage, Target};
+use twinpupil_calibrate::{
+    Calibration, Calibrator, Choices, Fault, Foreign, FrameResult, Stage, StagePosition, Target,
+};
 use twinpupil_instrument::{CalibrationFrame, CalibrationSpec, Instrument, Lens};
 use twinpupil_reconstruct::{DetectOptions, Mode, Options, Reconstructor};
 
@@ -28,6 +30,7 @@ use crate::io::files::FrameFiles;
 use crate::io::frame::FrameFormat;
 use crate::io::input;
 use crate::io::output::{self, Outputs};
+use crate::io::stage::read_stage;
 use crate::load::LoadedInstrument;
 
 /// `twinpupil calibrate …`.
@@ -73,6 +76,10 @@ struct GridArgs {
     /// Also seek the places of the target's dots, known to this standard deviation in mm
     #[arg(long, value_name = "STD")]
     refine_target_mm: Option<f64>,
+    /// What a stage says that carried the middle of the target along a straight way: CSV with frame, travel_mm and std_mm;
+    /// the frames that it does not name stood elsewhere
+    #[arg(long, value_name = "FILE")]
+    stage: Option<PathBuf>,
     /// Whether dots are bright or dark
     #[arg(long, value_enum, default_value_t = PolarityOption::Auto)]
     polarity: PolarityOption,
@@ -112,8 +119,10 @@ fn calibrate(args: &GridArgs, instrument: &Path, target: &Path, console: &Consol
     let format = FrameFormat::of_instrument(&loaded.instrument);
     let files = FrameFiles::of_arguments(&args.frames, &format)?;
     let choices = choices(args)?;
-    let calibration = Run { loaded: &loaded, target: &target, choices: &choices, files: &files, format: &format }
-        .calibrate(args, console)?;
+    let stage = args.stage.as_deref().map_or_else(|| Ok(Vec::new()), |path| read_stage(path, &files))?;
+    let calibration =
+        Run { loaded: &loaded, target: &target, choices: &choices, stage: &stage, files: &files, format: &format }
+            .calibrate(args, console)?;
 
     let instrument = with_calibration(&calibration, &target, &files)?;
     let mut outputs = Outputs::new();
@@ -145,6 +154,7 @@ struct Run<'a> {
     loaded: &'a LoadedInstrument,
     target: &'a Target,
     choices: &'a Choices,
+    stage: &'a [Option<StagePosition>],
     files: &'a [FrameFiles],
     format: &'a FrameFormat,
 }
@@ -175,6 +185,7 @@ impl Run<'_> {
             target: self.target,
             choices: self.choices,
             place_std_mm: args.refine_target_mm,
+            stage: self.stage,
             reader: &reader,
             frame: &frame,
             progress: &progress,

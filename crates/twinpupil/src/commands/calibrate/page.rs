@@ -267,6 +267,7 @@ pub(super) mod tests {
             spots: 8,
             rms_px: 0.002,
             pixel_chi2: 1.01,
+            off_stage: None,
         };
         let residual = |k: usize| Residual {
             frame: 2 * (k / 8),

@@ -33,6 +33,8 @@ struct FrameSummary {
     spots: usize,
     rms_px: f64,
     pixel_chi2: f64,
+    /// How far the target stands beside where the stage says, mm, if it says so.
+    off_stage_mm: Option<[f64; 3]>,
 }
 
 #[derive(Debug, Serialize)]
@@ -60,6 +62,7 @@ impl Summary {
             spots: result.spots,
             rms_px: result.rms_px,
             pixel_chi2: result.pixel_chi2,
+            off_stage_mm: result.off_stage.map(|off| off.off_mm),
         };
         let number = |number: &Number| NumberSummary {
             key: number.key.clone(),
