@@ -520,7 +520,7 @@ impl Calibrator<'_> {
             Ok(compared)
         };
         let all = seen.par_iter().enumerate().map(one).collect::<Result<Vec<_>, _>>();
-        let mut comparison = Comparison { observations: Vec::new(), fitness: Vec::new(), lights: Vec::new() };
+        let mut comparison = Comparison::default();
         for compared in all.map_err(CalibrateError::Foreign)? {
             comparison.observations.extend(compared.observations);
             comparison.fitness.extend(compared.fitness);
@@ -614,6 +614,7 @@ const ROUGH_DOUBT_CHI2: f64 = 25.0;
 type Lights = Vec<Vec<Option<KnownLight>>>;
 
 /// What the comparison of all frames comes to; lights frame by frame.
+#[derive(Default)]
 struct Comparison {
     observations: Vec<Observation>,
     fitness: Vec<Fitness>,

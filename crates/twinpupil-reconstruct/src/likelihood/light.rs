@@ -54,7 +54,6 @@ pub(crate) struct Local {
     /// Growth of the blur to the end of the unit disc's first axis, px.
     pub(crate) blur_growth_px: f32,
     /// Growth of the blur along u and v.
-    /// Growth of the blur along u and v.
     pub(crate) blur_gradient: [f32; 2],
     /// See [`Spot::skewed_px`].
     pub(crate) skewed_px: [f32; 2],
