@@ -162,8 +162,11 @@ trait Surface {
     /// `direction + t normal`.
     fn along_normal(&self, lane: usize, direction: Vector, t: f64, place: Vector) -> Vector;
 
-    /// normal².
-    fn normal_squared(&self, lane: usize, place: Vector) -> f64;
+    /// normal²; 1 unless the surface has a simpler vector along its normal.
+    #[inline(always)]
+    fn normal_squared(&self, _: usize, _: Vector) -> f64 {
+        1.0
+    }
 
     /// Whether a place where a ray meets it belongs to the sheet of the vertex; false if it is NaN.
     fn is_met(&self, lane: usize, place: Vector) -> bool;
@@ -180,11 +183,6 @@ impl Surface for Flat {
     #[inline(always)]
     fn along_normal(&self, _: usize, [x, y, z]: Vector, t: f64, _: Vector) -> Vector {
         [x, y, z - t]
-    }
-
-    #[inline(always)]
-    fn normal_squared(&self, _: usize, _: Vector) -> f64 {
-        1.0
     }
 
     #[inline(always)]
@@ -217,11 +215,6 @@ impl Surface for Sphere {
     fn along_normal(&self, _: usize, direction: Vector, t: f64, place: Vector) -> Vector {
         let [x, y, z] = moved(direction, t * self.c, place);
         [x, y, z - t]
-    }
-
-    #[inline(always)]
-    fn normal_squared(&self, _: usize, _: Vector) -> f64 {
-        1.0
     }
 
     #[inline(always)]
@@ -327,11 +320,6 @@ impl<const ALONG: usize> Surface for Cylinder<ALONG> {
         out[ALONG] += t * self.c * place[ALONG];
         out[2] += t * (self.c * place[2] - 1.0);
         out
-    }
-
-    #[inline(always)]
-    fn normal_squared(&self, _: usize, _: Vector) -> f64 {
-        1.0
     }
 
     #[inline(always)]
