@@ -4,7 +4,8 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use twinpupil_optics::{Catalogue, Fate, Ray, Rays, Train, ZmxLens};
+use twinpupil_instrument::Catalogue;
+use twinpupil_optics::{Fate, Ray, Rays, Train, ZmxLens};
 
 fuzz_target!(|bytes: &[u8]| {
     if let Ok(catalogue) = Catalogue::from_agf(bytes) {

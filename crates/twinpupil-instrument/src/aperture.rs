@@ -7,8 +7,11 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Aperture {
-    /// Distance behind the rear principal plane, mm; negative is in front of the lens.
+    /// Distance behind the rear principal plane, mm; negative is in front of the lens. With `surface`, behind that.
     pub position_mm: f64,
+    /// Surface of a lens that is given surface by surface, from 0, from whose vertex the position counts.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub surface: Option<usize>,
     /// From the centre outwards. Light outside the last radius is blocked; a last zone without a radius has no end.
     pub zones: Vec<Zone>,
     /// Centre of the zones off the axis, mm, in the object's x and y.
@@ -55,6 +58,19 @@ impl Aperture {
     }
 }
 
+impl Aperture {
+    /// The mask as an image of it appears, elsewhere and in another size.
+    pub(crate) fn imaged(&self, position_mm: f64, scale: f64) -> Self {
+        let zone = |zone: &Zone| Zone { radius_mm: zone.radius_mm.map(|mm| mm * scale), pass: zone.pass.clone() };
+        Self {
+            position_mm,
+            surface: None,
+            zones: self.zones.iter().map(zone).collect(),
+            centre_mm: self.centre_mm.map(|mm| mm * scale),
+        }
+    }
+}
+
 fn is_origin(centre_mm: &[f64; 2]) -> bool {
     *centre_mm == [0.0, 0.0]
 }
@@ -71,6 +87,7 @@ mod tests {
     fn adjacent_zones_merge_and_the_last_may_be_open() {
         let mask = Aperture {
             position_mm: 0.0,
+            surface: None,
             zones: vec![zone(Some(1.0), &["a"]), zone(Some(2.0), &["a", "b"]), zone(None, &["b"])],
             centre_mm: [0.0, 0.0],
         };

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use crate::check::{self, SyntaxError, ValueError, within};
+use crate::ideal::IdealBand;
 use crate::{
     Aperture, Band, CalibrationSpec, CrosstalkSpec, CubePlane, FrameError, FrameView, Lens, Mosaic, Page, PixelPoint,
     PlaneView, Projection, ResponseMatrix, Role, Sensor, Site, SpectraSpec,
@@ -69,6 +70,8 @@ pub struct DepthRange {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Instrument {
     spec: InstrumentSpec,
+    /// What every band is to first order.
+    ideal: Vec<IdealBand>,
 }
 
 impl Deref for Instrument {
@@ -83,7 +86,7 @@ impl Instrument {
     /// Checks every value of `spec`.
     pub fn new(mut spec: InstrumentSpec) -> Result<Self, ValueError> {
         check::schema(spec.schema)?;
-        spec.lens.check()?;
+        spec.lens.settle()?;
         spec.sensor.settle_polarizers()?;
         spec.sensor.check()?;
         check_bands(&spec)?;
@@ -98,7 +101,9 @@ impl Instrument {
                 return Err(ValueError::new("depth_range.far_mm", far_mm, format!("above near_mm = {near_mm}")));
             }
         }
-        let instrument = Self { spec };
+        let ideal = IdealBand::of(&spec)?;
+        check_pupils(&spec, &ideal)?;
+        let instrument = Self { spec, ideal };
         for (index, band) in instrument.bands.iter().enumerate() {
             instrument.page(band).check(&instrument.sensor, index)?;
         }
@@ -121,6 +126,12 @@ impl Instrument {
             for table in document[tables].as_array_of_tables_mut().into_iter().flat_map(|tables| tables.iter_mut()) {
                 put_on_one_line(table, key);
             }
+        }
+        let prescription = document["lens"].as_table_mut().and_then(|lens| lens.get_mut("prescription"));
+        let surfaces = prescription.and_then(|lens| lens.as_table_mut()).and_then(|lens| lens.get_mut("surface"));
+        let surfaces = surfaces.and_then(|surfaces| surfaces.as_array_of_tables_mut());
+        for surface in surfaces.into_iter().flat_map(|surfaces| surfaces.iter_mut()) {
+            put_on_one_line(surface, "shape");
         }
         document.to_string()
     }
@@ -155,16 +166,14 @@ impl Instrument {
     }
 
     /// First-order projection of a band through the aperture that is its pupil, with the focal length that the
-    /// instrument file states.
+    /// instrument file states; of a lens surface by surface with the band's own.
     pub fn projection(&self, band: &Band) -> Projection {
-        let (aperture, pupil_radius_mm) = pupil(&self.spec, band).expect("checked: every band has a pupil");
-        let focal_length_mm = match &self.lens {
-            Lens::Thin(lens) => lens.focal_length_mm(&band.name),
-            Lens::Fresnel(lens) => lens.focal_length_mm,
-        };
+        let ideal = self.ideal(band);
+        let (index, pupil_radius_mm) = pupil(&self.spec, ideal, band).expect("checked: every band has a pupil");
+        let aperture = &ideal.apertures[index];
         Projection {
-            focal_length_mm,
-            sensor_distance_mm: self.sensor.distance_mm,
+            focal_length_mm: ideal.focal_length_mm,
+            sensor_distance_mm: ideal.sensor_distance_mm,
             pupil_position_mm: aperture.position_mm,
             pupil_centre_mm: aperture.centre_mm,
             pupil_radius_mm,
@@ -183,14 +192,34 @@ impl Instrument {
 
     /// Index of the aperture that is a band's pupil.
     pub fn pupil_index(&self, band: &Band) -> usize {
-        let (aperture, _) = pupil(&self.spec, band).expect("checked: every band has a pupil");
-        self.apertures.iter().position(|own| std::ptr::eq(own, aperture)).expect("the pupil is one of the apertures")
+        pupil(&self.spec, self.ideal(band), band).expect("checked: every band has a pupil").0
+    }
+
+    /// The apertures as they stand about the ideal lens of [`Instrument::projection`]: those of the file, but for masks
+    /// among the surfaces of a lens their images behind it or in front of it.
+    pub fn ideal_apertures(&self, band: &Band) -> &[Aperture] {
+        &self.ideal(band).apertures
+    }
+
+    fn ideal(&self, band: &Band) -> &IdealBand {
+        let index = self.bands.iter().position(|own| own.name == band.name).unwrap_or(0);
+        &self.ideal[index]
     }
 
     /// Distance at which the data sheet's focal length images sharply, `L f/(L − f)`, mm.
     pub fn focus_distance_mm(&self) -> f64 {
         let (l, f) = (self.sensor.distance_mm, self.lens.focal_length_mm());
         l * f / (l - f)
+    }
+
+    /// Distance of the farthest corner of the sensor from the axis, mm.
+    pub fn corner_radius_mm(&self) -> f64 {
+        let sensor = &self.sensor;
+        let reach_px = |k: usize| {
+            let last_px = (sensor.size_px[k] - 1) as f64;
+            sensor.axis_px[k].abs().max((last_px - sensor.axis_px[k]).abs()) + 0.5
+        };
+        sensor.pitch_mm * reach_px(0).hypot(reach_px(1))
     }
 
     /// The distances between which objects may be.
@@ -272,16 +301,16 @@ fn put_on_one_line(table: &mut toml_edit::Table, key: &str) {
 }
 
 /// The aperture that limits a band for points in focus, with the outermost radius that passes there.
-fn pupil<'a>(spec: &'a InstrumentSpec, band: &Band) -> Option<(&'a Aperture, f64)> {
+fn pupil(spec: &InstrumentSpec, ideal: &IdealBand, band: &Band) -> Option<(usize, f64)> {
     let l = spec.sensor.distance_mm;
     let f = spec.lens.focal_length_mm();
     let focus_mm = l * f / (l - f);
     // Width at the aperture of the cone between the lens and a sensor point on the axis, relative to the lens.
     let cone = |d: f64| if d >= 0.0 { 1.0 - d / l } else { 1.0 + d / focus_mm };
-    spec.apertures
-        .iter()
-        .filter_map(|aperture| Some((aperture, aperture.annuli(&band.name).last()?.outer_mm)))
-        .min_by(|(a, ra), (b, rb)| (ra / cone(a.position_mm).abs()).total_cmp(&(rb / cone(b.position_mm).abs())))
+    let on_lens = |(index, radius_mm): &(usize, f64)| radius_mm / cone(ideal.apertures[*index].position_mm).abs();
+    (ideal.apertures.iter().enumerate())
+        .filter_map(|(index, aperture)| Some((index, aperture.annuli(&band.name).last()?.outer_mm)))
+        .min_by(|a, b| on_lens(a).total_cmp(&on_lens(b)))
         .filter(|(_, radius_mm)| radius_mm.is_finite())
 }
 
@@ -363,6 +392,9 @@ fn check_apertures(spec: &InstrumentSpec) -> Result<(), ValueError> {
             let legal = format!("in front of the sensor, below sensor.distance_mm = {sensor_mm}");
             return Err(ValueError::new(key("position_mm"), position_mm, legal));
         }
+        if let (Some(surface), Lens::Thin(_) | Lens::Fresnel(_)) = (aperture.surface, &spec.lens) {
+            return Err(ValueError::new(key("surface"), surface, "left out unless lens.model is prescription"));
+        }
         within(&key("centre_mm[0]"), aperture.centre_mm[0], -1e3, 1e3)?;
         within(&key("centre_mm[1]"), aperture.centre_mm[1], -1e3, 1e3)?;
         if aperture.zones.is_empty() {
@@ -389,7 +421,13 @@ fn check_apertures(spec: &InstrumentSpec) -> Result<(), ValueError> {
             let value = format!("blocked by aperture[{k}]");
             return Err(ValueError::new(format!("band[{i}]"), value, "passed by a zone of every aperture"));
         }
-        if pupil(spec, band).is_none() {
+    }
+    Ok(())
+}
+
+fn check_pupils(spec: &InstrumentSpec, ideal: &[IdealBand]) -> Result<(), ValueError> {
+    for (i, (band, ideal)) in spec.bands.iter().zip(ideal).enumerate() {
+        if pupil(spec, ideal, band).is_none() {
             let legal = "a zone with a radius in at least one aperture";
             return Err(ValueError::new(format!("band[{i}]"), "not limited by any aperture", legal));
         }

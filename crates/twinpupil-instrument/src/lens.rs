@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::PrescriptionLens;
 use crate::check::{ValueError, positive, within};
 
 /// `[lens]`, told apart by its `model`.
@@ -15,6 +16,8 @@ pub enum Lens {
     Thin(ThinLens),
     /// A Fresnel lens, grooves on one face and the other flat, traced groove by groove.
     Fresnel(FresnelLens),
+    /// A lens surface by surface.
+    Prescription(Box<PrescriptionLens>),
 }
 
 /// An ideal lens: slopes change by −height/f and nothing else.
@@ -72,18 +75,21 @@ pub enum GrooveSide {
 }
 
 impl Lens {
-    /// The focal length that the data sheet states, mm.
+    /// The focal length that the data sheet states, mm; of a lens surface by surface that of its design wavelength.
     pub fn focal_length_mm(&self) -> f64 {
         match self {
             Self::Thin(lens) => lens.focal_length_mm,
             Self::Fresnel(lens) => lens.focal_length_mm,
+            Self::Prescription(lens) => lens.focal_length_mm.unwrap_or(f64::NAN),
         }
     }
 
-    pub(crate) fn check(&self) -> Result<(), ValueError> {
+    /// Checks the lens; of one that is given surface by surface it also states the focal length.
+    pub(crate) fn settle(&mut self) -> Result<(), ValueError> {
         match self {
             Self::Thin(lens) => lens.check(),
             Self::Fresnel(lens) => lens.check(),
+            Self::Prescription(lens) => lens.settle(),
         }
     }
 }

@@ -58,7 +58,7 @@ impl Parameter {
         let bands = 0..instrument.bands.len();
         let mut all = match instrument.lens {
             Lens::Thin(_) => bands.clone().map(Self::BandFocalLength).collect(),
-            Lens::Fresnel(_) => vec![Self::FocalLength],
+            Lens::Fresnel(_) | Lens::Prescription(_) => vec![Self::FocalLength],
         };
         all.push(Self::SensorDistance);
         all.extend([0, 1].map(Self::Axis));
@@ -100,7 +100,7 @@ impl Parameter {
             Self::FocalLength => instrument.lens.focal_length_mm(),
             Self::BandFocalLength(band) => match &instrument.lens {
                 Lens::Thin(lens) => lens.focal_length_mm(&instrument.bands[band].name),
-                Lens::Fresnel(lens) => lens.focal_length_mm,
+                Lens::Fresnel(_) | Lens::Prescription(_) => instrument.lens.focal_length_mm(),
             },
             Self::Axis(axis) => instrument.sensor.axis_px[axis],
             Self::AperturePosition(index) => instrument.apertures[index].position_mm,
@@ -126,6 +126,7 @@ impl Parameter {
             Self::FocalLength => match &mut instrument.lens {
                 Lens::Thin(lens) => lens.focal_length_mm = value,
                 Lens::Fresnel(lens) => lens.focal_length_mm = value,
+                Lens::Prescription(lens) => lens.focal_length_mm = Some(value),
             },
             Self::BandFocalLength(band) => {
                 if let Lens::Thin(lens) = &mut instrument.lens {

@@ -211,6 +211,32 @@ impl Prescription {
         Ok(Self::new(check::parse_toml(text)?)?)
     }
 
+    /// The lens with all its lengths `factor` times as long.
+    pub(crate) fn scaled(&self, factor: f64) -> Self {
+        let mut spec = self.spec.clone();
+        spec.object_distance_mm = spec.object_distance_mm.map(|mm| mm * factor);
+        spec.image = spec.image.scaled(factor);
+        for surface in &mut spec.surfaces {
+            surface.shape = surface.shape.scaled(factor);
+            surface.gap_mm *= factor;
+            surface.semi_diameter_mm = surface.semi_diameter_mm.map(|mm| mm * factor);
+            surface.hole_radius_mm *= factor;
+            surface.half_size_mm = surface.half_size_mm.map(|half| half.map(|mm| mm * factor));
+            surface.decentre_mm = surface.decentre_mm.map(|mm| mm * factor);
+        }
+        Self { spec }
+    }
+
+    /// The lens with a flat image at a distance behind its last surface.
+    pub(crate) fn with_image(&self, behind_mm: f64) -> Self {
+        let mut spec = self.spec.clone();
+        spec.image = Shape::Plane;
+        if let Some(last) = spec.surfaces.last_mut() {
+            last.gap_mm = behind_mm;
+        }
+        Self { spec }
+    }
+
     /// Index of the surface that is the aperture stop, if one is marked.
     pub fn stop(&self) -> Option<usize> {
         self.surfaces.iter().position(|surface| surface.stop)
@@ -271,6 +297,36 @@ impl Default for SurfaceSpec {
 impl Shape {
     fn is_plane(&self) -> bool {
         *self == Self::Plane
+    }
+
+    fn scaled(&self, factor: f64) -> Self {
+        let mut scaled = self.clone();
+        // A coefficient of rⁱ, from i = `first` in steps of `step`, shrinks with the (i − 1)-th power.
+        let shrink = |coefficients: &mut [f64], first: i32, step: i32| {
+            for (power, coefficient) in (first - 1..).step_by(step as usize).zip(coefficients) {
+                *coefficient /= factor.powi(power);
+            }
+        };
+        match &mut scaled {
+            Self::Plane | Self::Break => {}
+            Self::Sphere { radius_mm }
+            | Self::Conic { radius_mm, .. }
+            | Self::Cylinder { radius_mm, .. }
+            | Self::ThinLens { focal_length_mm: radius_mm } => *radius_mm *= factor,
+            Self::EvenAsphere { radius_mm, coefficients, .. } => {
+                *radius_mm = radius_mm.map(|mm| mm * factor);
+                shrink(coefficients, 2, 2);
+            }
+            Self::Fresnel { radius_mm, coefficients, .. } => {
+                *radius_mm *= factor;
+                shrink(coefficients, 2, 2);
+            }
+            Self::OddAsphere { radius_mm, coefficients, .. } => {
+                *radius_mm = radius_mm.map(|mm| mm * factor);
+                shrink(coefficients, 1, 1);
+            }
+        }
+        scaled
     }
 
     fn check(&self, key: &str) -> Result<(), ValueError> {

@@ -1,5 +1,7 @@
 //! How a real lens departs from first order, as a plain table: the optics make it, the reconstruction inverts it.
 
+use std::ops::{Add, Mul};
+
 use serde::{Deserialize, Serialize};
 
 use crate::ImagePoint;
@@ -47,6 +49,55 @@ pub struct PointResponse {
     /// Radius of that centroid less the radius that an ideal lens of the band's focal length would give it behind the
     /// same masks, mm: what is left when clipping is accounted for.
     pub aberration_mm: f64,
+    /// How its light is spread about that centroid.
+    pub spread: PointSpread,
+}
+
+/// How the light of an object point is spread, beyond the even disc behind an ideal lens: what its lens adds to where light
+/// through the point w of the unit pupil arrives, along the radius of the image, x, and across it, y.
+///
+/// ```text
+/// x: −(growth + stretch) w_x + a w_x² + b w_y² − spherical (w² − ⅔) w_x
+/// y: −(growth − stretch) w_y + c w_x w_y       − spherical (w² − ⅔) w_y
+/// ```
+///
+/// An ideal lens images w at −B w, B being the radius of the disc, negative in front of the focus or behind it.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct PointSpread {
+    /// What is added to the radius of the disc, mm.
+    pub growth_mm: f64,
+    /// Astigmatism: what is added to it along the radius of the image, and taken from it across that, mm.
+    pub stretch_mm: f64,
+    /// Coma: a, b and c, mm.
+    pub coma_mm: [f64; 3],
+    /// Spherical aberration, mm.
+    pub spherical_mm: f64,
+}
+
+impl Add for PointSpread {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self {
+            growth_mm: self.growth_mm + other.growth_mm,
+            stretch_mm: self.stretch_mm + other.stretch_mm,
+            coma_mm: [0, 1, 2].map(|k| self.coma_mm[k] + other.coma_mm[k]),
+            spherical_mm: self.spherical_mm + other.spherical_mm,
+        }
+    }
+}
+
+impl Mul<f64> for PointSpread {
+    type Output = Self;
+
+    fn mul(self, factor: f64) -> Self {
+        Self {
+            growth_mm: self.growth_mm * factor,
+            stretch_mm: self.stretch_mm * factor,
+            coma_mm: self.coma_mm.map(|mm| mm * factor),
+            spherical_mm: self.spherical_mm * factor,
+        }
+    }
 }
 
 /// One band of a [`ResponseTable`]: values over distance (slow) and radius (fast).
@@ -88,6 +139,7 @@ impl ResponseTable {
             throughput: blend(|node| node.throughput),
             radial_deviation_mm: blend(|node| node.radial_deviation_mm),
             aberration_mm: blend(|node| node.aberration_mm),
+            spread: corners.iter().fold(PointSpread::default(), |sum, (node, weight)| sum + node.spread * *weight),
         }
     }
 
@@ -146,6 +198,7 @@ mod tests {
                 throughput: 1.0,
                 radial_deviation_mm: deviation(r_mm.node(n % 5), z_mm.node(n / 5)),
                 aberration_mm: 0.0,
+                spread: PointSpread::default(),
             })
             .collect();
         let image_radius_mm = Grid::spanning(0.0, 2.0, 3);

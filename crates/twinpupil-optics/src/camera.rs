@@ -1,13 +1,16 @@
 //! An instrument made ready to trace.
 
 use thiserror::Error;
-use twinpupil_instrument::{Band, ImagePoint, Instrument, Lens, Projection};
+use twinpupil_instrument::check::ValueError;
+use twinpupil_instrument::{Band, GlassError, ImagePoint, Instrument, Lens, Projection};
 
 use crate::fresnel::FresnelBand;
 use crate::masks::Masks;
+use crate::paraxial;
+use crate::prescribed::PrescribedBand;
 use crate::stop::Stop;
 use crate::thin::ThinBand;
-use crate::{CardinalPoints, ObjectRays, Pencil, PointImage, RayLedger, RayStarts};
+use crate::{ObjectRays, Pencil, PointImage, RayLedger, RayStarts};
 
 /// Why an instrument cannot be traced.
 #[derive(Debug, Clone, PartialEq, Error)]
@@ -25,31 +28,12 @@ pub enum OpticsError {
         /// Where that stands, mm.
         position_mm: f64,
     },
-    /// A material without a dispersion formula.
-    #[error("`{key}` is {material}; legal: one of {count} built-in materials such as PMMA and N-BK7")]
-    UnknownMaterial {
-        /// Where the file asks for it.
-        key: String,
-        /// What was asked for.
-        material: String,
-        /// How many there are.
-        count: usize,
-    },
-    /// A wavelength at which a dispersion formula means nothing.
-    #[error(
-        "a wavelength of {wavelength_nm} nm is outside the dispersion formula of {material}; \
-         legal: {min_nm} to {max_nm} nm"
-    )]
-    Wavelength {
-        /// Of a band or of the lens's design, nm.
-        wavelength_nm: f64,
-        /// The material.
-        material: String,
-        /// Shortest legal wavelength, nm.
-        min_nm: f64,
-        /// Longest legal wavelength, nm.
-        max_nm: f64,
-    },
+    /// A lens or a mask that cannot be where the instrument says.
+    #[error(transparent)]
+    Value(#[from] ValueError),
+    /// A material without an index.
+    #[error(transparent)]
+    Glass(#[from] GlassError),
     /// A groove that would cut through the lens.
     #[error(
         "`lens.thickness_mm` is {thickness_mm}, but the groove {radius_mm} mm from the axis is deeper; \
@@ -105,14 +89,20 @@ pub struct BandOptics {
 enum Model {
     Thin(ThinBand),
     Fresnel(Box<FresnelBand>),
+    Prescribed(Box<PrescribedBand>),
 }
 
 impl BandOptics {
     fn new(instrument: &Instrument, band: &Band) -> Result<Self, OpticsError> {
         let projection = instrument.projection(band);
-        let stops = instrument.apertures.iter().enumerate().map(|(i, mask)| Stop::new(i, mask, &band.name)).collect();
+        let stops = instrument
+            .ideal_apertures(band)
+            .iter()
+            .enumerate()
+            .map(|(i, mask)| Stop::new(i, mask, &band.name))
+            .collect();
         let masks = Masks {
-            focal_length_mm: focal_length_mm(&instrument.lens, band)?,
+            focal_length_mm: focal_length_mm(&instrument.lens, band, &projection)?,
             sensor_distance_mm: projection.sensor_distance_mm,
             stops,
             pupil: instrument.pupil_index(band),
@@ -128,6 +118,9 @@ impl BandOptics {
         let model = match &instrument.lens {
             Lens::Thin(_) => Model::Thin(ThinBand::new(&masks)),
             Lens::Fresnel(lens) => Model::Fresnel(Box::new(FresnelBand::new(lens, band.wavelength_nm, &masks)?)),
+            Lens::Prescription(lens) => {
+                Model::Prescribed(Box::new(PrescribedBand::new(instrument, lens, band, &masks)?))
+            }
         };
         Ok(Self { name: band.name.clone(), projection, masks, model })
     }
@@ -160,17 +153,19 @@ impl BandOptics {
         match &self.model {
             Model::Thin(band) => band.trace(starts, rays, ledger),
             Model::Fresnel(band) => band.trace(starts, rays, ledger),
+            Model::Prescribed(band) => band.trace(starts, rays, ledger),
         }
     }
 
     /// All rays of the band from the image disc.
     ///
-    /// Exact for a thin lens; for a Fresnel lens 140 rays are traced to see how far the true rays are from the ideal
+    /// Exact for a thin lens; for any other some 140 rays are traced to see how far the true rays are from the ideal
     /// ones, so parts of a pencil are much cheaper than pencils of their own.
     pub fn pencil(&self, centre: ImagePoint, radius_mm: f64) -> Pencil {
         match &self.model {
             Model::Thin(band) => band.pencil(centre, radius_mm),
             Model::Fresnel(band) => band.pencil(centre, radius_mm),
+            Model::Prescribed(band) => band.pencil(centre, radius_mm),
         }
     }
 
@@ -180,16 +175,17 @@ impl BandOptics {
     pub fn is_unclipped(&self, centre: ImagePoint, radius_mm: f64) -> bool {
         match &self.model {
             Model::Thin(band) => band.is_unclipped(centre, radius_mm),
-            Model::Fresnel(_) => false,
+            Model::Fresnel(_) | Model::Prescribed(_) => false,
         }
     }
 
     /// What becomes of the light of an object point (x, y, z) in mm, z > 0: exact for a thin lens, an average
-    /// over some 160 rays for a Fresnel lens.
+    /// over some 160 rays for a Fresnel lens and over 128 for one surface by surface, clipped as behind an ideal lens.
     pub fn point_image(&self, object_mm: [f64; 3]) -> PointImage {
         match &self.model {
             Model::Thin(_) => self.masks.point_image(object_mm),
             Model::Fresnel(band) => band.point_image(object_mm),
+            Model::Prescribed(band) => band.point_image(object_mm),
         }
     }
 
@@ -218,10 +214,10 @@ impl BandOptics {
 }
 
 /// Focal length of a lens in a band, mm.
-fn focal_length_mm(lens: &Lens, band: &Band) -> Result<f64, OpticsError> {
+fn focal_length_mm(lens: &Lens, band: &Band, projection: &Projection) -> Result<f64, OpticsError> {
     match lens {
-        Lens::Thin(lens) => Ok(lens.focal_length_mm(&band.name)),
-        Lens::Fresnel(lens) => Ok(CardinalPoints::of_fresnel(lens, band.wavelength_nm)?.focal_length_mm),
+        Lens::Thin(_) | Lens::Prescription(_) => Ok(projection.focal_length_mm),
+        Lens::Fresnel(lens) => Ok(paraxial::cardinal_points(lens, band.wavelength_nm)?.focal_length_mm),
     }
 }
 

@@ -12,31 +12,25 @@
 //! The irradiance of a sensor point through an area A of the pupil's plane is `E = radiance · cos⁴θ · A/(L − t)²`,
 //! θ between the image-side ray and the axis; weights are relative to the axis. Losses by reflection are left out.
 
-use std::f64::consts::{FRAC_PI_2, TAU};
-
-use twinpupil_instrument::{FresnelLens, GrooveSide, ImagePoint};
+use twinpupil_instrument::{FresnelLens, Glass, GrooveSide, ImagePoint, PointSpread};
 
 use crate::lanes::{self, LANES, Lines};
 use crate::line::{Line, cos_fourth};
 use crate::linear::Linear;
 use crate::masks::Masks;
 use crate::plate::Plate;
+use crate::spread::quadrants;
 use crate::stop::Stop;
+use crate::stray::{Stray, probes};
 use crate::thin::ThinBand;
-use crate::{Glass, ObjectRays, OpticsError, Pencil, PointImage, RayFate, RayLedger, RayStarts};
+use crate::{ObjectRays, OpticsError, Pencil, PointImage, RayFate, RayLedger, RayStarts};
 
 /// A pupil in front of the lens is aimed at by the ideal lens. Rays start over a disc wider by this factor, so that
 /// the aberrations of the real lens leave no part of the pupil out; the pupil itself then stops those that miss it.
 const AIM_MARGIN: f64 = 1.25;
 
-/// How much farther rays may stray from the ideal ones than those that were probed.
-const STRAY_MARGIN: f64 = 2.0;
-
 /// Share of the pitch by which rays may stray beyond that, where all probes happen to meet the same few facets.
 const STRAY_PER_PITCH: f64 = 0.01;
-
-/// Share of its width by which a pencil may stray where no ray gets through to be probed.
-const STRAY_UNPROBED: f64 = 0.25;
 
 /// Rays from each place that are probed for a pencil, in each quadrant of the pupil.
 const PROBES_PER_QUADRANT: usize = 5;
@@ -186,27 +180,13 @@ impl FresnelBand {
     }
 
     /// The ideal lens's pencil, moved to where rays from all over the pupil and from the centre and the rim of the image
-    /// disc are on the average. What these rays stray from there tells how far others may.
+    /// disc are on the average.
     pub(crate) fn pencil(&self, centre: ImagePoint, radius_mm: f64) -> Pencil {
         let ideal = self.ideal.pencil(centre, radius_mm);
-        let image = rim(6).chain([[0.0, 0.0]]).map(|[x, y]| [centre.x_mm + radius_mm * x, centre.y_mm + radius_mm * y]);
-        let starts = image.flat_map(|image_mm| quadrants(PROBES_PER_QUADRANT).map(move |pupil| (image_mm, pupil)));
+        let starts = probes(centre, radius_mm, PROBES_PER_QUADRANT);
         let strays: Vec<Stray> = starts.filter_map(|(image_mm, pupil)| self.stray(&ideal, image_mm, pupil)).collect();
-        if strays.is_empty() {
-            let width = |linear: &Linear| STRAY_UNPROBED * linear.over(centre, radius_mm).radius;
-            return Pencil { stray_mm: width(&ideal.lens), stray_slope: width(&ideal.slope), ..ideal };
-        }
-        let (position, slope) = (strays.iter().map(|stray| stray.position_mm), strays.iter().map(|stray| stray.slope));
-        let (centre_mm, stray_mm) = middle_and_reach(position);
-        let (tilt, stray_slope) = middle_and_reach(slope);
         let facet_mm = STRAY_PER_PITCH * self.plate.pitch_mm;
-        Pencil {
-            lens: ideal.lens.moved(centre_mm),
-            slope: ideal.slope.moved(tilt),
-            stray_mm: STRAY_MARGIN * stray_mm + facet_mm,
-            stray_slope: STRAY_MARGIN * stray_slope + facet_mm / self.masks.focal_length_mm,
-            ..ideal
-        }
+        ideal.strayed(&strays, [facet_mm, facet_mm / self.masks.focal_length_mm])
     }
 
     /// How far a ray through the lens is from the ideal one.
@@ -234,11 +214,12 @@ impl FresnelBand {
             }
         }
         if light == 0.0 {
-            return PointImage { throughput: 0.0, centroid: self.masks.point_image(object_mm).centroid };
+            return PointImage { throughput: 0.0, ..self.masks.point_image(object_mm) };
         }
         PointImage {
             throughput: light / (4 * RAYS_PER_QUADRANT) as f64,
             centroid: ImagePoint { x_mm: moment[0] / light, y_mm: moment[1] / light },
+            spread: PointSpread::default(),
         }
     }
 
@@ -281,12 +262,6 @@ impl FresnelBand {
     }
 }
 
-/// How far a ray is from the ideal one in the plane z = 0, and its slope.
-struct Stray {
-    position_mm: [f64; 2],
-    slope: [f64; 2],
-}
-
 /// Apertures that can stop a ray, from the sensor outwards.
 fn stops_to_check(masks: &Masks) -> Vec<Stop> {
     let pupil = masks.pupil();
@@ -321,33 +296,3 @@ fn block_all(stops: &[(f64, Stop)], lines: &Lines, weight: &mut [f64], ledger: &
         *ledger.blocked_by(stop.aperture) += lanes::block(lines, stop, *depth_mm, weight);
     }
 }
-
-/// Mean of places, and the distance of the farthest one from it.
-fn middle_and_reach(places: impl ExactSizeIterator<Item = [f64; 2]> + Clone) -> ([f64; 2], f64) {
-    let count = places.len() as f64;
-    let middle = [0, 1].map(|k| places.clone().map(|place| place[k]).sum::<f64>() / count);
-    (middle, places.map(|place| (place[0] - middle[0]).hypot(place[1] - middle[1])).fold(0.0, f64::max))
-}
-
-/// Points on the unit circle.
-fn rim(count: usize) -> impl Iterator<Item = [f64; 2]> {
-    (0..count).map(move |k| {
-        let (sin, cos) = (k as f64 / count as f64 * TAU).sin_cos();
-        [cos, sin]
-    })
-}
-
-/// Points that fill the unit disc evenly, mirrored from quadrant to quadrant: their centroid is the centre.
-///
-/// Azimuths follow the golden section. No two radii of a quadrant are alike, for rings of points would beat with the
-/// rings of grooves.
-fn quadrants(count: usize) -> impl Iterator<Item = [f64; 2]> {
-    (0..count).flat_map(move |k| {
-        let radius = ((k as f64 + 0.5) / count as f64).sqrt();
-        let (sin, cos) = ((k as f64 * GOLDEN_SECTION).fract() * FRAC_PI_2).sin_cos();
-        let (x, y) = (radius * cos, radius * sin);
-        [[x, y], [-x, y], [-x, -y], [x, -y]]
-    })
-}
-
-const GOLDEN_SECTION: f64 = 0.618_033_988_749_894_9;

@@ -15,10 +15,10 @@
 //!
 //! Facet 0 is the base profile of either kind, `c = 1/((n − 1) f)`.
 
-use twinpupil_instrument::{FresnelLens, GrooveSide};
+use twinpupil_instrument::{FresnelLens, Glass, GrooveSide};
 
+use crate::OpticsError;
 use crate::conic::Conic;
-use crate::{Glass, OpticsError};
 
 /// More grooves than any lens has; keeps a slip of the pen in the pitch from filling the memory.
 const GROOVES_MAX: f64 = 200_000.0;

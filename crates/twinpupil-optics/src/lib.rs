@@ -14,14 +14,13 @@
 //!
 //! [`ImagePoint`]: twinpupil_instrument::ImagePoint
 
+mod aim;
 mod camera;
-mod catalogue;
 mod conic;
-mod dispersion;
 mod fresnel;
-mod glass;
 mod grooves;
 mod lanes;
+mod least_squares;
 mod ledger;
 mod line;
 mod linear;
@@ -30,21 +29,20 @@ mod paraxial;
 mod pencil;
 mod plate;
 mod point_image;
+mod prescribed;
 mod rays;
 mod refraction;
 mod region;
 mod response;
+mod spread;
 mod stop;
-mod text;
+mod stray;
 mod thin;
 mod train;
 mod zmx;
 
 pub use camera::{BandOptics, Camera, OpticsError};
-pub use catalogue::Catalogue;
-pub use glass::Glass;
 pub use ledger::{RayFate, RayLedger};
-pub use paraxial::{CardinalPoints, ParaxialRay, ParaxialSurface, paraxial_rays};
 pub use pencil::Pencil;
 pub use point_image::PointImage;
 pub use rays::{Footprint, ObjectRays, RayStarts};

@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-use twinpupil_instrument::{Annulus, ImagePoint};
+use twinpupil_instrument::{Annulus, ImagePoint, PointSpread};
 
 use crate::point_image::PointImage;
 use crate::region::{RingSet, moments};
@@ -106,7 +106,7 @@ impl Masks {
         let spread = 1.0 - l * (1.0 / f - 1.0 / z_mm);
         let centroid =
             ImagePoint { x_mm: x_mm * l / z_mm - lens_x_mm * spread, y_mm: y_mm * l / z_mm - lens_y_mm * spread };
-        PointImage { throughput, centroid }
+        PointImage { throughput, centroid, spread: PointSpread::default() }
     }
 
     /// Radius about the axis inside which the other masks clip the pupil; zero where they do not.

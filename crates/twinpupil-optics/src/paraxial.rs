@@ -1,66 +1,19 @@
-//! First-order properties of a sequence of surfaces, by the y-u trace.
+//! First-order properties of a Fresnel lens.
 
-use twinpupil_instrument::{FresnelLens, GrooveSide};
+use twinpupil_instrument::{CardinalPoints, FresnelLens, Glass, GlassError, GrooveSide, ParaxialSurface};
 
-use crate::{Glass, OpticsError};
-
-/// A surface as a paraxial ray meets it, light coming from the object. Behind an odd number of mirrors index and gap are
-/// negative.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ParaxialSurface {
-    /// Power, `c (n' − n)` for a surface of curvature c, 1/mm.
-    pub power_per_mm: f64,
-    /// Refractive index behind the surface.
-    pub index_behind: f64,
-    /// Distance to the next surface, mm; of no effect on the last one.
-    pub gap_behind_mm: f64,
-}
-
-/// A ray close to the axis.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ParaxialRay {
-    /// Distance from the axis, mm.
-    pub height_mm: f64,
-    /// Growth of the height along the axis.
-    pub slope: f64,
-}
-
-/// Focal length and principal planes of a lens in air.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct CardinalPoints {
-    /// Focal length, mm.
-    pub focal_length_mm: f64,
-    /// Front principal plane from the first surface, mm, positive towards the image.
-    pub front_principal_mm: f64,
-    /// Rear principal plane from the last surface, mm, positive towards the image.
-    pub rear_principal_mm: f64,
-}
-
-impl CardinalPoints {
-    /// Traces a parallel paraxial ray each way through `surfaces`, in air.
-    ///
-    /// ```text
-    /// f = −y₁/u'_last,    H' lies (y_last − y₁)/u'_last before the last surface
-    /// ```
-    pub fn of(surfaces: &[ParaxialSurface]) -> Self {
-        let (focal_length_mm, rear_principal_mm) = parallel_ray(surfaces);
-        let (_, front_from_first_mm) = parallel_ray(&reversed(surfaces));
-        Self { focal_length_mm, front_principal_mm: -front_from_first_mm, rear_principal_mm }
-    }
-
-    /// Those of a Fresnel lens at a wavelength: a plano-convex lens whose convex vertex touches the groove peaks.
-    pub fn of_fresnel(lens: &FresnelLens, wavelength_nm: f64) -> Result<Self, OpticsError> {
-        Ok(Self::of(&fresnel_surfaces(lens, wavelength_nm)?))
-    }
+/// Focal length and principal planes of a Fresnel lens at a wavelength: a plano-convex lens whose convex vertex touches the groove peaks.
+pub(crate) fn cardinal_points(lens: &FresnelLens, wavelength_nm: f64) -> Result<CardinalPoints, GlassError> {
+    Ok(CardinalPoints::of(&surfaces(lens, wavelength_nm)?))
 }
 
 /// Base curvature of a Fresnel lens, by the lensmaker's equation for a plano-convex lens: `c = 1/((n − 1) f)`, 1/mm.
-pub(crate) fn base_curvature_per_mm(lens: &FresnelLens) -> Result<f64, OpticsError> {
+pub(crate) fn base_curvature_per_mm(lens: &FresnelLens) -> Result<f64, GlassError> {
     let index = Glass::built_in(&lens.material, "lens.material")?.index(lens.design_wavelength_nm)?;
     Ok(1.0 / ((index - 1.0) * lens.focal_length_mm))
 }
 
-fn fresnel_surfaces(lens: &FresnelLens, wavelength_nm: f64) -> Result<[ParaxialSurface; 2], OpticsError> {
+fn surfaces(lens: &FresnelLens, wavelength_nm: f64) -> Result<[ParaxialSurface; 2], GlassError> {
     let index = Glass::built_in(&lens.material, "lens.material")?.index(wavelength_nm)?;
     let curvature_per_mm = base_curvature_per_mm(lens)?;
     let (first, last) = match lens.grooves {
@@ -73,68 +26,17 @@ fn fresnel_surfaces(lens: &FresnelLens, wavelength_nm: f64) -> Result<[ParaxialS
     ])
 }
 
-/// A ray before the first surface, from a medium of that index, where it meets each surface, with its slope behind it.
-///
-/// ```text
-/// n' u' = n u − y φ,    y₊ = y + u' t        [Kingslake & Johnson, Lens Design Fundamentals, ch. 3]
-/// ```
-pub fn paraxial_rays(surfaces: &[ParaxialSurface], index_before: f64, ray: ParaxialRay) -> Vec<ParaxialRay> {
-    let (mut index, mut gap_mm, mut ray) = (index_before, 0.0, ray);
-    let behind = surfaces.iter().map(|surface| {
-        let height_mm = ray.height_mm + ray.slope * gap_mm;
-        let slope = (index * ray.slope - height_mm * surface.power_per_mm) / surface.index_behind;
-        (index, gap_mm, ray) = (surface.index_behind, surface.gap_behind_mm, ParaxialRay { height_mm, slope });
-        ray
-    });
-    behind.collect()
-}
-
-/// Focal length, and principal plane from the last surface, of a ray that comes in parallel to the axis.
-fn parallel_ray(surfaces: &[ParaxialSurface]) -> (f64, f64) {
-    let parallel = ParaxialRay { height_mm: 1.0, slope: 0.0 };
-    let ParaxialRay { height_mm, slope } = paraxial_rays(surfaces, 1.0, parallel).last().copied().unwrap_or(parallel);
-    (-1.0 / slope, (1.0 - height_mm) / slope)
-}
-
-/// The same surfaces met from the other side, from air into air.
-fn reversed(surfaces: &[ParaxialSurface]) -> Vec<ParaxialSurface> {
-    let before = |i: usize| if i == 0 { None } else { surfaces.get(i - 1) };
-    (0..surfaces.len())
-        .rev()
-        .map(|i| ParaxialSurface {
-            power_per_mm: surfaces[i].power_per_mm,
-            index_behind: before(i).map_or(1.0, |previous| previous.index_behind),
-            gap_behind_mm: before(i).map_or(0.0, |previous| previous.gap_behind_mm),
-        })
-        .collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::plate::tests::lens;
-
-    fn surface(power_per_mm: f64, index_behind: f64, gap_behind_mm: f64) -> ParaxialSurface {
-        ParaxialSurface { power_per_mm, index_behind, gap_behind_mm }
-    }
-
-    #[test]
-    fn a_thick_lens_follows_the_lensmaker() {
-        // [Hecht, Optics, sec. 6.1]: 1/f = (n−1)(1/R₁ − 1/R₂ + (n−1)d/(n R₁R₂)), h₁ = −f(n−1)d/(n R₂), h₂ = −f(n−1)d/(n R₁).
-        let (n, d, r1, r2) = (1.6, 7.0, 50.0, -80.0);
-        let f = 1.0 / ((n - 1.0) * (1.0 / r1 - 1.0 / r2 + (n - 1.0) * d / (n * r1 * r2)));
-        let found = CardinalPoints::of(&[surface((n - 1.0) / r1, n, d), surface((1.0 - n) / r2, 1.0, 0.0)]);
-        assert!((found.focal_length_mm / f - 1.0).abs() < 1e-14);
-        assert!((found.front_principal_mm + f * (n - 1.0) * d / (n * r2)).abs() < 1e-12);
-        assert!((found.rear_principal_mm + f * (n - 1.0) * d / (n * r1)).abs() < 1e-12);
-    }
 
     #[test]
     fn a_fresnel_lens_has_its_focal_length_and_a_principal_plane_at_the_peaks() {
         for grooves in [GrooveSide::Object, GrooveSide::Image] {
             let lens = lens(grooves);
             let n = Glass::built_in("pmma", "lens.material").unwrap().index(587.6).unwrap();
-            let found = CardinalPoints::of_fresnel(&lens, 587.6).unwrap();
+            let found = cardinal_points(&lens, 587.6).unwrap();
             assert!((found.focal_length_mm - 100.0).abs() < 1e-12);
             let (at_peaks, inside) = match grooves {
                 GrooveSide::Object => (found.front_principal_mm, -found.rear_principal_mm),
@@ -147,7 +49,7 @@ mod tests {
     #[test]
     fn dispersion_moves_the_focal_length_as_design_says() {
         for (wavelength_nm, expected_mm) in [(450.0, 98.19), (680.0, 100.64)] {
-            let found = CardinalPoints::of_fresnel(&lens(GrooveSide::Object), wavelength_nm).unwrap();
+            let found = cardinal_points(&lens(GrooveSide::Object), wavelength_nm).unwrap();
             assert!((found.focal_length_mm - expected_mm).abs() < 0.005, "{found:?}");
         }
     }

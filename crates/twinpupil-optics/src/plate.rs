@@ -135,10 +135,10 @@ fn bent(line: &Line, place: Vector, normal: Vector, index_ratio: f64) -> Result<
 #[cfg(test)]
 pub(crate) mod tests {
     use proptest::prelude::*;
-    use twinpupil_instrument::GrooveSide;
+    use twinpupil_instrument::{Glass, GrooveSide};
 
     use super::*;
-    use crate::{CardinalPoints, Glass};
+    use crate::paraxial::cardinal_points;
 
     pub(crate) fn lens(grooves: GrooveSide) -> FresnelLens {
         FresnelLens {
@@ -194,7 +194,7 @@ pub(crate) mod tests {
                     (height_mm * height_mm, -height_mm / slope)
                 });
                 let limit_mm = near.1 - near.0 * (far.1 - near.1) / (far.0 - near.0);
-                let paraxial_mm = CardinalPoints::of_fresnel(&lens, wavelength_nm).unwrap().focal_length_mm;
+                let paraxial_mm = cardinal_points(&lens, wavelength_nm).unwrap().focal_length_mm;
                 let lensmaker_mm = 100.0
                     * (Glass::built_in("pmma", "lens.material").unwrap().index(587.6).unwrap() - 1.0)
                     / (plate.index - 1.0);

@@ -33,7 +33,7 @@ pub fn response_table(camera: &Camera, r_mm: Grid, z_mm: Grid, image_radius_mm: 
 /// The response table of an instrument over [`response_grids`].
 pub fn response_table_for(instrument: &Instrument) -> Result<ResponseTable, OpticsError> {
     let (r_mm, z_mm) = response_grids(instrument);
-    let image_radius_mm = Grid::spanning(0.0, corner_radius_mm(instrument), GROUND_NODES);
+    let image_radius_mm = Grid::spanning(0.0, instrument.corner_radius_mm(), GROUND_NODES);
     Ok(response_table(&Camera::new(instrument)?, r_mm, z_mm, image_radius_mm))
 }
 
@@ -61,11 +61,11 @@ fn ground(optics: &BandOptics, image_radius_mm: f64) -> f64 {
 
 /// Radii up to the corner of the sensor and distances of the depth range, both with a margin of 5 %.
 ///
-/// Thin lens: steps of 0.05 mm and at most 5 mm. Fresnel lens, which is smooth and costs more: twice that.
+/// Thin lens: steps of 0.05 mm and at most 5 mm. Other lenses, which are smooth and cost more: twice that.
 pub fn response_grids(instrument: &Instrument) -> (Grid, Grid) {
     let coarsening = match instrument.lens {
         Lens::Thin(_) => 1.0,
-        Lens::Fresnel(_) => 2.0,
+        Lens::Fresnel(_) | Lens::Prescription(_) => 2.0,
     };
     let DepthRange { near_mm, far_mm } = instrument.depth_range();
     let (near_mm, far_mm) = (near_mm * (1.0 - MARGIN), far_mm * (1.0 + MARGIN));
@@ -74,22 +74,12 @@ pub fn response_grids(instrument: &Instrument) -> (Grid, Grid) {
         .into_iter()
         .flat_map(|projection| [near_mm, far_mm].map(|z_mm| projection.magnification(z_mm).abs()));
     let smallest = magnifications.fold(f64::INFINITY, f64::min);
-    let r_max_mm = (1.0 + MARGIN) * corner_radius_mm(instrument) / smallest;
+    let r_max_mm = (1.0 + MARGIN) * instrument.corner_radius_mm() / smallest;
     let nodes = |span_mm: f64, step_mm: f64| ((span_mm / step_mm).ceil() as usize).clamp(1, NODES_MAX) + 1;
     let r_max_mm = r_max_mm.min(0.05 * coarsening * NODES_MAX as f64);
     let r_mm = Grid::spanning(0.0, r_max_mm, nodes(r_max_mm, 0.05 * coarsening));
     let z_mm = Grid::spanning(near_mm, far_mm, nodes(far_mm - near_mm, 5.0 * coarsening));
     (r_mm, z_mm)
-}
-
-/// Distance of the farthest corner of the sensor from the axis, mm.
-fn corner_radius_mm(instrument: &Instrument) -> f64 {
-    let sensor = &instrument.sensor;
-    let reach_px = |k: usize| {
-        let last_px = (sensor.size_px[k] - 1) as f64;
-        sensor.axis_px[k].abs().max((last_px - sensor.axis_px[k]).abs()) + 0.5
-    };
-    sensor.pitch_mm * reach_px(0).hypot(reach_px(1))
 }
 
 fn response(optics: &BandOptics, r_mm: f64, z_mm: f64) -> PointResponse {
@@ -103,5 +93,6 @@ fn response(optics: &BandOptics, r_mm: f64, z_mm: f64) -> PointResponse {
         throughput: image.throughput,
         radial_deviation_mm: beyond(first_order.x_mm),
         aberration_mm: beyond(optics.ideal_point_image(object_mm).centroid.x_mm),
+        spread: image.spread,
     }
 }

@@ -112,7 +112,7 @@ fn bends(nodes: &[PointResponse], radii: usize, radius: usize) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use twinpupil_instrument::BandResponse;
+    use twinpupil_instrument::{BandResponse, PointSpread};
 
     #[test]
     fn values_are_the_tables_and_slopes_their_differences() {
@@ -120,7 +120,12 @@ mod tests {
         let (r_mm, z_mm) = (Grid::spanning(0.0, 4.0, 5), Grid::spanning(100.0, 200.0, 3));
         let node = |n: usize| {
             let (r, z) = (r_mm.node(n % 5), z_mm.node(n / 5));
-            PointResponse { throughput: (r + 0.01 * z).sin(), radial_deviation_mm: 0.1 * r * z, aberration_mm: 0.0 }
+            PointResponse {
+                throughput: (r + 0.01 * z).sin(),
+                radial_deviation_mm: 0.1 * r * z,
+                aberration_mm: 0.0,
+                spread: PointSpread::default(),
+            }
         };
         let band = BandResponse {
             band: "a".to_owned(),

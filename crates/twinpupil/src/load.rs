@@ -3,11 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use twinpupil_instrument::{Instrument, ResponseMatrix, SpectralTable, builtin};
+use twinpupil_instrument::{Instrument, InstrumentSpec, Lens, ResponseMatrix, SpectralTable, builtin, check};
 use twinpupil_reconstruct::noise_gain;
 use twinpupil_simulate::{Picture, Scene};
 
-use crate::io::{input, page};
+use crate::io::{input, lens, page};
 
 /// The word that stands for the paper's scene instead of a file.
 pub const PAPER: &str = "paper";
@@ -30,8 +30,9 @@ impl LoadedInstrument {
             return Ok(Self { instrument: Instrument::from_toml(text)?, folder: PathBuf::new() });
         }
         let text = input::read_text(argument)?;
-        let instrument = Instrument::from_toml(&text).with_context(|| argument.display().to_string())?;
-        Ok(Self { instrument, folder: folder_of(argument) })
+        let folder = folder_of(argument);
+        let instrument = read_instrument(&text, &folder).with_context(|| argument.display().to_string())?;
+        Ok(Self { instrument, folder })
     }
 
     /// Signal in every plane from every band: from the curves of `[spectra]`, or what the instrument states by itself.
@@ -64,6 +65,19 @@ impl LoadedInstrument {
         let path = self.folder.join(source);
         SpectralTable::from_csv(&input::read_text(&path)?).with_context(|| path.display().to_string())
     }
+}
+
+/// The instrument of a file in a folder, with the surfaces of the lens file that it may name.
+fn read_instrument(text: &str, folder: &Path) -> Result<Instrument> {
+    let mut spec: InstrumentSpec = check::parse_toml(text)?;
+    if let Lens::Prescription(stated) = &mut spec.lens
+        && stated.prescription.is_none()
+        && let Some(file) = stated.file.take()
+    {
+        let catalogues: Vec<PathBuf> = stated.catalogues.drain(..).map(|path| folder.join(path)).collect();
+        stated.prescription = Some(lens::read_with_glasses(&folder.join(file), &catalogues)?);
+    }
+    Ok(Instrument::new(spec)?)
 }
 
 /// Distance and seed of the paper's plate behind the word `paper`; the experiment has it at 250 to 350 mm.

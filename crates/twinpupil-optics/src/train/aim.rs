@@ -67,15 +67,9 @@ impl Train {
             Some(pupil) => field.at_first_surface(pupil.position_mm, place_mm.map(|mm| mm * pupil.magnification)),
             None => [0.0; 2],
         };
-        let mut seekers: Vec<Seeker> = places_mm
-            .iter()
-            .map(|place_mm| Seeker { place_mm: *place_mm, start_mm: guess_mm(*place_mm), is_there: false })
-            .collect();
-        for _ in 0..STEPS_MAX {
-            if !improve(&to_stop, field, &mut seekers, stop_radius_mm) {
-                break;
-            }
-        }
+        let mut seekers: Vec<Seeker> =
+            places_mm.iter().map(|place_mm| Seeker::new(*place_mm, guess_mm(*place_mm))).collect();
+        seek(&to_stop, &|_, start_mm| field.ray(start_mm), &mut seekers, stop_radius_mm);
         seekers.into_iter().map(|seeker| seeker.is_there.then(|| field.ray(seeker.start_mm))).collect()
     }
 
@@ -89,25 +83,44 @@ impl Train {
 }
 
 /// A ray on its way to its place in the stop.
-struct Seeker {
+pub(crate) struct Seeker {
     place_mm: [f64; 2],
-    /// Where it crosses the plane z = 0 before the first surface.
-    start_mm: [f64; 2],
-    is_there: bool,
+    /// Where it crosses the plane by which it is started.
+    pub(crate) start_mm: [f64; 2],
+    pub(crate) is_there: bool,
+}
+
+impl Seeker {
+    pub(crate) fn new(place_mm: [f64; 2], start_mm: [f64; 2]) -> Self {
+        Self { place_mm, start_mm, is_there: false }
+    }
+}
+
+/// Where a seeker's ray starts, by its index and the place where it crosses the plane by which it is started.
+type Launch<'a> = dyn Fn(usize, [f64; 2]) -> Ray + 'a;
+
+/// Newton's method for all seekers through the surfaces as far as the stop.
+pub(crate) fn seek(to_stop: &Train, launch: &Launch<'_>, seekers: &mut [Seeker], stop_radius_mm: f64) {
+    for _ in 0..STEPS_MAX {
+        if !improve(to_stop, launch, seekers, stop_radius_mm) {
+            break;
+        }
+    }
 }
 
 /// One step of Newton's method for all that are not there; whether there were any.
-fn improve(to_stop: &Train, field: Field, seekers: &mut [Seeker], stop_radius_mm: f64) -> bool {
+fn improve(to_stop: &Train, launch: &Launch<'_>, seekers: &mut [Seeker], stop_radius_mm: f64) -> bool {
     let step_mm = DIFFERENCE * stop_radius_mm;
-    let mut open: Vec<&mut Seeker> = seekers.iter_mut().filter(|seeker| !seeker.is_there).collect();
+    let mut open: Vec<(usize, &mut Seeker)> =
+        seekers.iter_mut().enumerate().filter(|(_, seeker)| !seeker.is_there).collect();
     // Each ray, and one beside it along x and y.
-    let trios = open.iter().flat_map(|seeker| {
+    let trios = open.iter().flat_map(|(index, seeker)| {
         let [x, y] = seeker.start_mm;
-        [[x, y], [x + step_mm, y], [x, y + step_mm]]
+        [[x, y], [x + step_mm, y], [x, y + step_mm]].map(|start_mm| launch(*index, start_mm))
     });
-    let mut rays: Rays = trios.map(|start_mm| field.ray(start_mm)).collect();
+    let mut rays: Rays = trios.collect();
     to_stop.trace(&mut rays);
-    for (n, seeker) in open.iter_mut().enumerate() {
+    for (n, (_, seeker)) in open.iter_mut().enumerate() {
         let at = |j: usize| rays.ray(3 * n + j).position_mm;
         let arrived = (0..3).all(|j| rays.fate(3 * n + j) == Fate::Arrived);
         let miss_mm = [0, 1].map(|c| seeker.place_mm[c] - at(0)[c]);

@@ -99,7 +99,30 @@ impl Clear {
     }
 }
 
+impl Rings {
+    /// A ring without end.
+    pub(crate) fn everywhere() -> Self {
+        Self { centre_mm: [0.0; 2], rings: vec![Annulus { inner_mm: 0.0, outer_mm: f64::INFINITY }] }
+    }
+}
+
 impl Face {
+    /// A flat mask in a medium, `number` in the list of masks.
+    pub(crate) fn mask(number: usize, axis: Rigid, medium: f64, rings: Rings) -> Self {
+        Self {
+            index: number,
+            profile: Profile::Plane,
+            action: Action::Pass,
+            index_before: medium,
+            index_behind: medium,
+            clear: Clear { rings: Some(rings), ..Clear::EVERYWHERE },
+            axis,
+            place: axis,
+            from_previous: Rigid::IDENTITY,
+            is_first: false,
+        }
+    }
+
     /// Curvature at the vertex that a paraxial ray meets, 1/mm: along y where x and y differ.
     pub(crate) fn vertex_curvature_per_mm(&self) -> f64 {
         match &self.profile {

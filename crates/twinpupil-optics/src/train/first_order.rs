@@ -2,7 +2,7 @@
 
 use super::Train;
 use super::face::{Action, Face};
-use crate::paraxial::{ParaxialRay, ParaxialSurface, paraxial_rays};
+use twinpupil_instrument::{ParaxialRay, ParaxialSurface, paraxial_rays};
 
 /// Focal length, principal planes and pupils of a lens at one wavelength, light coming from the object. Places count along
 /// the axis, positive towards the image: those in front from the first surface, those behind from the last.

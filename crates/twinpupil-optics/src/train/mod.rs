@@ -16,7 +16,7 @@ mod rigid;
 mod seidel;
 
 use rayon::prelude::*;
-use twinpupil_instrument::{Annulus, MediumSpec, Prescription, Shape};
+use twinpupil_instrument::{Annulus, Catalogue, Glass, Prescription, Shape};
 
 pub use aim::Field;
 pub use fate::{Fate, FateLedger, SurfaceLosses};
@@ -24,9 +24,10 @@ pub use first_order::{FirstOrder, Pupil};
 pub use rays::{Ray, Rays};
 pub use seidel::{ChromaticSums, SeidelSums};
 
-use crate::{Catalogue, Glass, OpticsError};
+use crate::OpticsError;
+pub(crate) use aim::{Seeker, seek};
 use face::{Action, Clear, Face, Profile, Rings};
-use rays::{Block, LANES};
+pub(crate) use rays::{Block, LANES};
 use rigid::Rigid;
 
 /// A lens at one wavelength, ready to be traced: its surfaces and the image.
@@ -70,7 +71,8 @@ impl Train {
                 let index_before = index;
                 if !surface.mirror {
                     let key = format!("surface[{i}].medium");
-                    index = glass(&prescription.media, catalogues, &surface.medium, &key)?.index(wavelength_nm)?;
+                    index =
+                        Glass::named(&surface.medium, &prescription.media, catalogues, &key)?.index(wavelength_nm)?;
                 }
                 faces.push(Face {
                     index: i,
@@ -109,20 +111,31 @@ impl Train {
         let (axis, in_front) = (reference.axis.shifted([0.0, 0.0, mask.behind_mm]), mask.behind_mm < 0.0);
         let index = if in_front { reference.index_before } else { reference.index_behind };
         let rings = Rings { centre_mm: mask.centre_mm, rings: mask.rings.clone() };
-        let face = Face {
-            index: number,
-            profile: Profile::Plane,
-            action: Action::Pass,
-            index_before: index,
-            index_behind: index,
-            clear: Clear { rings: Some(rings), ..Clear::EVERYWHERE },
-            axis,
-            place: axis,
-            from_previous: Rigid::IDENTITY,
-            is_first: false,
-        };
+        let face = Face::mask(number, axis, index, rings);
         self.faces.insert(if in_front { at } else { at + 1 }, face);
         Self { faces: linked(self.faces) }
+    }
+
+    /// The same lens, whose rays from the image end in the plane z = `depth_mm` of the axes of the lens, wherever that is.
+    /// As a mask it is `number`.
+    pub(crate) fn with_end_plane(mut self, number: usize, depth_mm: f64) -> Self {
+        let axis = Rigid::IDENTITY.shifted([0.0, 0.0, depth_mm]);
+        self.faces.insert(0, Face::mask(number, axis, 1.0, Rings::everywhere()));
+        Self { faces: linked(self.faces) }
+    }
+
+    /// The surfaces as far as a mask of that number, clear everywhere.
+    pub(crate) fn clear_to_mask(&self, number: usize) -> Self {
+        let is_mask = |face: &Face| face.clear.rings.is_some() && face.index == number;
+        let count = self.faces.iter().position(is_mask).map_or(self.faces.len(), |at| at + 1);
+        let faces = self.faces[..count].iter().map(|face| Face { clear: Clear::EVERYWHERE, ..face.clone() });
+        Self { faces: linked(faces.collect()) }
+    }
+
+    /// Sends a block of rays through all surfaces.
+    #[inline]
+    pub(crate) fn send(&self, block: &mut Block) {
+        kernel::trace(&self.faces, block);
     }
 
     /// For light that runs from the image back to the first surface. Axes stay as they are, so directions have negative z.
@@ -223,24 +236,5 @@ fn action(shape: &Shape, is_mirror: bool, index_before: f64, index_behind: f64) 
         _ if is_mirror => Action::Reflect,
         _ if index_before == index_behind => Action::Pass,
         _ => Action::Refract { index_ratio: index_before / index_behind },
-    }
-}
-
-/// The material of that name, which the file asks for under `key`.
-fn glass(
-    own: &std::collections::BTreeMap<String, MediumSpec>,
-    catalogues: &[&Catalogue],
-    name: &str,
-    key: &str,
-) -> Result<Glass, OpticsError> {
-    if let Some(medium) = own.get(name) {
-        return Ok(Glass::new(name, medium.clone()));
-    }
-    if name.eq_ignore_ascii_case("air") {
-        return Ok(Glass::air());
-    }
-    match catalogues.iter().find_map(|catalogue| catalogue.glass(name)) {
-        Some(glass) => Ok(glass.clone()),
-        None => Glass::built_in(name, key).cloned(),
     }
 }

@@ -68,6 +68,11 @@ impl Block {
         self.fate[lane] = 0;
     }
 
+    /// How the ray of a lane has ended.
+    pub(crate) fn ended(&self, lane: usize) -> Fate {
+        Fate::of(self.fate[lane])
+    }
+
     /// Enters the fates of the first `count` rays.
     pub(crate) fn settle(&self, count: usize, ledger: &mut FateLedger) {
         if self.fate.iter().fold(0, |any, code| any | code) == 0 {

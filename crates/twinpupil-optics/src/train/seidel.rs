@@ -4,7 +4,7 @@ use std::ops::Add;
 
 use super::Train;
 use super::face::{Action, Face, Profile};
-use crate::paraxial::{ParaxialRay, paraxial_rays};
+use twinpupil_instrument::{ParaxialRay, paraxial_rays};
 
 /// Seidel sums of a surface or of a lens, mm: wavefront aberrations are S_I/8 at the rim of the pupil and so on, of a
 /// wavefront that is late.

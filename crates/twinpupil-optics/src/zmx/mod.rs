@@ -8,9 +8,9 @@ mod surface;
 use std::collections::BTreeMap;
 
 use twinpupil_instrument::check::{SyntaxError, ValueError};
+use twinpupil_instrument::text::decode;
 use twinpupil_instrument::{Prescription, PrescriptionSpec, SURFACES_MAX};
 
-use crate::text::decode;
 use surface::Entry;
 
 /// What a `.zmx` file says.

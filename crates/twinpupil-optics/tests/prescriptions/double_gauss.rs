@@ -3,8 +3,8 @@
 //! The lens and every number of CODE V come from ray-optics 0b1dc26, `src/rayoptics/codev/tests/ag_dblgauss.{seq,lis}`; none
 //! is ever regenerated. Tolerances are the digits that the listing prints.
 
-use twinpupil_instrument::Prescription;
-use twinpupil_optics::{ChromaticSums, Fate, Field, ParaxialRay, Ray, SeidelSums, Train, paraxial_rays};
+use twinpupil_instrument::{ParaxialRay, Prescription, paraxial_rays};
+use twinpupil_optics::{ChromaticSums, Fate, Field, Ray, SeidelSums, Train};
 
 /// Half a unit of the last digit printed, and a little for rounding.
 const SIX_DIGITS: f64 = 6e-7;

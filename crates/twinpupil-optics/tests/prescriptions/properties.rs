@@ -115,7 +115,7 @@ proptest! {
         let lens = made(vec![SurfaceSpec { shape: shape.clone(), medium: "N-BK7".to_owned(), ..SurfaceSpec::default() }]);
         let (met, fate) = train(&lens).path(&ray);
         prop_assume!(fate == Fate::Arrived);
-        let index = twinpupil_optics::Glass::built_in("N-BK7", "").unwrap().index(550.0).unwrap();
+        let index = twinpupil_instrument::Glass::built_in("N-BK7", "").unwrap().index(550.0).unwrap();
         // A normal by finite differences of the shape that the rays themselves see: a neighbour's place.
         let normal = normal(&shape, met[0].position_mm);
         let (before, behind) = (cross(ray.direction, normal), cross(met[0].direction, normal));
@@ -173,7 +173,7 @@ proptest! {
         let image = SurfaceSpec { gap_mm: 20.0, medium: "N-SF11".to_owned(), shape: shape.clone(), ..SurfaceSpec::default() };
         let (met, fate) = train(&made(vec![image])).path(&ray);
         prop_assume!(fate == Fate::Arrived);
-        let index = twinpupil_optics::Glass::built_in("N-SF11", "").unwrap().index(550.0).unwrap();
+        let index = twinpupil_instrument::Glass::built_in("N-SF11", "").unwrap().index(550.0).unwrap();
         let [x, y, _] = met[0].position_mm;
         let end = [met[1].position_mm[0], met[1].position_mm[1], met[1].position_mm[2] + 20.0];
         let path = |x: f64, y: f64| {
@@ -308,7 +308,7 @@ fn train_surface() -> SurfaceSpec {
 fn a_fresnel_surface_bends_as_its_profile_does() {
     // Parallel light into the flat face of a lens whose plane of facets has the slopes of a hyperboloid, k = −n², meets in
     // one point but for the depth that the plane lacks: to third order at a distance f of the plane.
-    let index = twinpupil_optics::Glass::built_in("PMMA", "").expect("PMMA").index(550.0).expect("transparent");
+    let index = twinpupil_instrument::Glass::built_in("PMMA", "").expect("PMMA").index(550.0).expect("transparent");
     let radius_mm = -50.0 * (index - 1.0);
     let lens = made(vec![
         SurfaceSpec { gap_mm: 2.0, medium: "PMMA".to_owned(), ..SurfaceSpec::default() },

@@ -1,7 +1,7 @@
 //! Numbers that other programs have printed. None is ever regenerated.
 
-use twinpupil_instrument::{Prescription, PrescriptionSpec, Shape, SurfaceSpec};
-use twinpupil_optics::{Catalogue, Fate, Ray, SeidelSums, Train};
+use twinpupil_instrument::{Catalogue, Prescription, PrescriptionSpec, Shape, SurfaceSpec};
+use twinpupil_optics::{Fate, Ray, SeidelSums, Train};
 
 /// OpticSim.jl's tolerance against its source, relative.
 const OPTIC_SIM: f64 = 1e-11;

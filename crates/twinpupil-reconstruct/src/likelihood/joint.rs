@@ -6,6 +6,7 @@ use twinpupil_instrument::{Page, PlaneView};
 use crate::likelihood::black::Black;
 use crate::likelihood::body::{BandLight, Body};
 use crate::likelihood::coupling::{Coupling, Near, NearLight};
+use crate::likelihood::departure::Departures;
 use crate::likelihood::full::{Full, FullLight};
 use crate::likelihood::illumination::{bend, shift_px};
 use crate::likelihood::light::{Light, Places};
@@ -25,8 +26,8 @@ pub(crate) struct BandView<'a> {
     /// What its page is, unless it is that raster.
     pub(crate) page: Option<&'a Page>,
     pub(crate) pencil: &'a Pencil,
-    /// What the lens adds to the radius of an image, over (r, z), mm.
-    pub(crate) aberration_mm: &'a (dyn Fn(f64, f64) -> f64 + Sync),
+    /// What the lens adds to images, unless it is ideal.
+    pub(crate) departures: Option<&'a Departures>,
 }
 
 /// Buffers that are used again from frame to frame.
@@ -62,9 +63,8 @@ const TURN_SIGMAS: f64 = 0.02;
 impl BandView<'_> {
     /// A dot's image in this band, and its changes with the dot.
     pub(crate) fn spot(&self, dot: &Dot) -> (Spot, SpotJacobian) {
-        let [x_mm, y_mm, z_mm] = dot.centre_mm;
-        let aberration_mm = (self.aberration_mm)((x_mm * x_mm + y_mm * y_mm).sqrt(), z_mm);
-        let (mut spot, mut jacobian) = Spot::with_jacobian(dot, self.pencil, self.raster, aberration_mm);
+        let departure = self.departures.map(|departures| departures.of_dot(dot));
+        let (mut spot, mut jacobian) = Spot::with_jacobian(dot, self.pencil, self.raster, departure);
         if let Some(page) = self.page {
             spot.lay_on(page, self.pencil, &mut jacobian);
         }

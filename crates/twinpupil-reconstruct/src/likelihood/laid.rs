@@ -5,7 +5,7 @@ use twinpupil_instrument::{ImagePoint, Page};
 
 use crate::likelihood::light::Places;
 use crate::likelihood::pencil::{Pencil, Vector2};
-use crate::likelihood::spot::{Matrix2, Spot, SpotJacobian, inverse};
+use crate::likelihood::spot::{Matrix2, Spot, SpotJacobian, inverse, product};
 
 /// How places on a bent page differ from those on one that goes on as it is at a spot: second-order terms in the distance
 /// from the spot's centre along u and v, 1/px.
@@ -68,6 +68,13 @@ impl Spot {
         self.radius_px *= scale;
         self.blur_px = (self.blur_px + drift_mm / pitch_mm) * scale;
         self.blur_growth_px *= scale;
+        if let Some(smear) = &mut self.smear {
+            smear.outwards = times(turn, smear.outwards);
+            smear.stretch_px = smear.stretch_px.map(|px| px * scale);
+            smear.growth_px *= scale;
+            smear.coma_px = smear.coma_px.map(|px| px * scale);
+            smear.spherical_px *= scale;
+        }
         self.shape = product(slope.map(|row| row.map(|entry| entry / px_per_mm)), self.shape);
         self.inverse = inverse(self.shape);
         self.pitch_mm = 1.0 / px_per_mm;
@@ -87,15 +94,17 @@ impl Spot {
         jacobian.fixed_rows_mut::<2>(2).scale_mut(scale);
     }
 
-    /// Places about the spot as the kernels want them: on a page that does not bend.
+    /// Places about the spot as the kernels want them: on a page that does not bend, seen by an even blur.
     pub(crate) fn straightened<'p>(&self, places: &'p Places, straight: &'p mut Places) -> &'p Places {
         match &self.bend {
-            Some(bend) => {
-                bend.straighten(places, straight);
-                straight
-            }
-            None => places,
+            Some(bend) => bend.straighten(places, straight),
+            None if self.smear.is_none() => return places,
+            None => straight.clone_from(places),
         }
+        if let Some(smear) = &self.smear {
+            smear.even_out(self, straight);
+        }
+        straight
     }
 }
 
@@ -111,10 +120,6 @@ fn similarity([[a, b], [c, d]]: Matrix2) -> (f64, Matrix2) {
 
 fn times(matrix: Matrix2, [x, y]: Vector2) -> Vector2 {
     matrix.map(|[a, b]| a * x + b * y)
-}
-
-fn product([[a, b], [c, d]]: Matrix2, [[p, q], [r, s]]: Matrix2) -> Matrix2 {
-    [[a * p + b * r, a * q + b * s], [c * p + d * r, c * q + d * s]]
 }
 
 #[cfg(test)]
@@ -160,7 +165,7 @@ mod tests {
         let laid = |unknowns: [f64; 4]| {
             let [x_mm, y_mm, z_mm, diameter_mm] = unknowns;
             let dot = Dot { centre_mm: [x_mm, y_mm, z_mm], diameter_mm, slopes: [0.3, -0.2] };
-            let (mut spot, mut jacobian) = Spot::with_jacobian(&dot, &pencil, raster, 0.0);
+            let (mut spot, mut jacobian) = Spot::with_jacobian(&dot, &pencil, raster, None);
             spot.lay_on(&page, &pencil, &mut jacobian);
             (spot, jacobian)
         };
@@ -190,7 +195,7 @@ mod tests {
         let raster = Raster { axis_px: instrument.sensor.axis_px, pitch_mm: instrument.sensor.pitch_mm };
         // Red: the blue disc of radius 1 on the lens cuts its pupil of 0.5 at 100 behind it.
         let dot = Dot { centre_mm: [2.0, 1.2, 260.0], diameter_mm: 0.5, slopes: [0.0; 2] };
-        let (mut spot, mut jacobian) = Spot::with_jacobian(&dot, &pencil, raster, 0.0);
+        let (mut spot, mut jacobian) = Spot::with_jacobian(&dot, &pencil, raster, None);
         spot.lay_on(&page, &pencil, &mut jacobian);
         let edge = spot.ways[0][0];
         let seen_mm = spot.image_mm(spot.centre_px);

@@ -389,7 +389,7 @@ mod tests {
         use nalgebra::{Matrix6, Vector6};
         let instrument = paper::instrument();
         let pencil = Pencil::of_band(&instrument, &instrument.bands[band], F_MM);
-        let spot = Spot::of(dot, &pencil, Raster { axis_px: AXIS_PX, pitch_mm: PITCH_MM }, 0.0);
+        let spot = Spot::of(dot, &pencil, Raster { axis_px: AXIS_PX, pitch_mm: PITCH_MM }, None);
         let exact = Exact { dot, band, blur_px: spot.blur_px_min(), is_clipped: spot.is_clipped() };
         let reach = spot.reach_px().ceil() + 3.0;
         let (mut information, mut score) = (Matrix6::zeros(), Vector6::zeros());

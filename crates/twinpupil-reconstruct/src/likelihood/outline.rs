@@ -46,7 +46,7 @@ impl Outline {
             axes_px: scale(spot.shape, spot.radius_px),
             per_px: scale(spot.inverse, 1.0 / spot.radius_px),
             shorter_px: spot.radius_px / steepest.max(1e-12),
-            reach_px: spot.blur_px_max() * (1.0 + length(spot.blur_gradient())) + PIXEL_REACH_PX,
+            reach_px: spot.blur_reach_px() * (1.0 + length(spot.blur_gradient())) + PIXEL_REACH_PX,
         }
     }
 
@@ -114,7 +114,7 @@ mod tests {
         let instrument = paper::instrument();
         let pencil = Pencil::of_band(&instrument, &instrument.bands[1], 100.0);
         let raster = Raster { axis_px: [959.5, 599.5], pitch_mm: 0.00586 };
-        Spot::of(&Dot { centre_mm: [4.0, -3.0, z_mm], diameter_mm: 1.0, slopes }, &pencil, raster, 0.0)
+        Spot::of(&Dot { centre_mm: [4.0, -3.0, z_mm], diameter_mm: 1.0, slopes }, &pencil, raster, None)
     }
 
     #[test]

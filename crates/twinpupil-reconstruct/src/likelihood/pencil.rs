@@ -59,7 +59,7 @@ impl Pencil {
         let projection = Projection { focal_length_mm, ..instrument.projection(band) };
         let pupil = instrument.pupil_index(band);
         let mut ways: Vec<Vec<Ring>> = vec![Vec::new()];
-        for (index, aperture) in instrument.apertures.iter().enumerate() {
+        for (index, aperture) in instrument.ideal_apertures(band).iter().enumerate() {
             let view = StopView::new(&projection, aperture.position_mm, aperture.centre_mm);
             let rings = aperture.annuli(&band.name).into_iter().map(|annulus| {
                 // The pupil's own rim is the unit disc, and no mask of its own.

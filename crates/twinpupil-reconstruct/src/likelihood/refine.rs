@@ -8,6 +8,7 @@ use crate::likelihood::black::Black;
 use crate::likelihood::body::{BandLight, Body, FitQuality, OwnCentre};
 use crate::likelihood::coupling::Coupling;
 use crate::likelihood::covariance::{Patch, covariance};
+use crate::likelihood::departure::Departures;
 use crate::likelihood::illumination::{Glance, set_illumination};
 use crate::likelihood::joint::{BandView, Buffers, Joint};
 use crate::likelihood::pencil::Pencil;
@@ -20,7 +21,6 @@ use crate::slope::Slopes;
 #[derive(Debug, Clone)]
 pub(crate) struct ForwardModel {
     bands: Vec<BandModel>,
-    table: Option<ResponseTable>,
 }
 
 #[derive(Debug, Clone)]
@@ -29,7 +29,9 @@ struct BandModel {
     raster: Raster,
     /// Its page, unless that is the raster.
     page: Option<Page>,
-    /// Index of the band in the instrument and in the table.
+    /// What the lens adds, unless it is ideal.
+    departures: Option<Departures>,
+    /// Index of the band in the instrument.
     index: usize,
 }
 
@@ -149,17 +151,19 @@ impl ForwardModel {
             };
             let pencil = Pencil::of_band(instrument, &instrument.bands[index], focal_length_mm);
             let page = Page::new(&instrument.sensor, &instrument.bands[index], &pencil.projection);
+            let departures = table.and_then(|table| Departures::of(table, index));
             match page.raster() {
                 Some((axis, pitch_mm)) => {
-                    BandModel { pencil, raster: Raster { axis_px: [axis.u, axis.v], pitch_mm }, page: None, index }
+                    let raster = Raster { axis_px: [axis.u, axis.v], pitch_mm };
+                    BandModel { pencil, raster, page: None, departures, index }
                 }
                 None => {
                     let raster = Raster { axis_px: instrument.sensor.axis_px, pitch_mm: instrument.sensor.pitch_mm };
-                    BandModel { pencil, raster, page: Some(page), index }
+                    BandModel { pencil, raster, page: Some(page), departures, index }
                 }
             }
         };
-        Self { bands: bands.iter().map(|index| band(*index)).collect(), table: table.cloned() }
+        Self { bands: bands.iter().map(|index| band(*index)).collect() }
     }
 
     /// The most likely dots, in the order of `seeds`; `None` where a seed led nowhere.
@@ -186,16 +190,15 @@ impl ForwardModel {
         if !blacks.iter().map(Black::noise).eq(planes.iter().map(|(_, noise)| noise)) {
             *blacks = planes.iter().map(|(_, noise)| Black::new(noise)).collect();
         }
-        let aberrations: SmallVec<[_; 2]> = self.bands.iter().map(|band| self.aberration_mm(band.index)).collect();
         let views: SmallVec<[BandView<'_>; 2]> = (self.bands.iter().zip(planes))
-            .zip(aberrations.iter().zip(&*blacks))
-            .map(|((band, (plane, _)), (aberration_mm, black))| BandView {
+            .zip(&*blacks)
+            .map(|((band, (plane, _)), black)| BandView {
                 plane: *plane,
                 black,
                 raster: band.raster,
                 page: band.page.as_ref(),
                 pencil: &band.pencil,
-                aberration_mm,
+                departures: band.departures.as_ref(),
             })
             .collect();
         then(&views)
@@ -248,10 +251,6 @@ impl ForwardModel {
         let mut bands: Vec<&BandModel> = self.bands.iter().collect();
         bands.sort_by_key(|band| band.index);
         bands.into_iter().map(|band| band.pencil.projection).collect()
-    }
-
-    fn aberration_mm(&self, band: usize) -> impl Fn(f64, f64) -> f64 + Sync + '_ {
-        move |r_mm, z_mm| self.table.as_ref().map_or(0.0, |table| table.at(band, r_mm, z_mm).aberration_mm)
     }
 }
 

@@ -1,7 +1,9 @@
 //! One dot as one band images it, in pixels of a plane's page.
 
+use crate::likelihood::departure::Departure;
 use crate::likelihood::laid::Bend;
 use crate::likelihood::pencil::{Pencil, Vector2, Ways};
+use crate::likelihood::smear::Smear;
 
 /// A flat round dot in space.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -31,6 +33,8 @@ pub(crate) struct Spot {
     /// Position on the page of the optical axis, px, and width of a pixel, mm, as they are seen from the spot.
     pub(crate) axis_px: Vector2,
     pub(crate) pitch_mm: f64,
+    /// What the lens does to the images of its points, unless it is ideal.
+    pub(crate) smear: Option<Smear>,
     /// How its page bends about its centre, if it does.
     pub(crate) bend: Option<Bend>,
 }
@@ -53,13 +57,13 @@ pub(crate) type SpotJacobian = nalgebra::Matrix4<f64>;
 pub(crate) const PIXEL_REACH_PX: f64 = 0.71;
 
 impl Spot {
-    /// The image of `dot`; `aberration_mm` is what the lens adds to its radius.
+    /// The image of `dot`; `departure` is what the lens adds to it.
     #[cfg(test)]
-    pub(crate) fn of(dot: &Dot, pencil: &Pencil, raster: Raster, aberration_mm: f64) -> Self {
-        Self::with_jacobian(dot, pencil, raster, aberration_mm).0
+    pub(crate) fn of(dot: &Dot, pencil: &Pencil, raster: Raster, departure: Option<Departure>) -> Self {
+        Self::with_jacobian(dot, pencil, raster, departure).0
     }
 
-    /// The image of `dot`, and its changes with it; `aberration_mm` is what the lens adds to its radius.
+    /// The image of `dot`, and its changes with it; `departure` is what the lens adds to it.
     ///
     /// On a sloping surface the disc is foreshortened along the steepest way and its two halves are imaged by different
     /// magnifications. A central projection makes an ellipse of it, whose centre lies `m′ sinθ cosθ a²` beside the
@@ -68,23 +72,22 @@ impl Spot {
         dot: &Dot,
         pencil: &Pencil,
         raster: Raster,
-        aberration_mm: f64,
+        departure: Option<Departure>,
     ) -> (Self, SpotJacobian) {
-        let [x_mm, y_mm, _] = dot.centre_mm;
         let per_px = 1.0 / raster.pitch_mm;
-        let image = Imaging::at(dot.centre_mm, pencil);
-        let change = Imaging::change(dot.centre_mm, pencil);
+        let (mut image, mut change) = (Imaging::at(dot.centre_mm, pencil), Imaging::change(dot.centre_mm, pencil));
+        let stretch = departure.map(|departure| departure.applied(&mut image, &mut change));
         let radius_mm = 0.5 * dot.diameter_mm;
         let tilt = Tilt::of(dot.slopes);
         let magnification_slope = change.magnification / image.magnification;
-        let shape = tilt.shape([change.x_mm, change.y_mm].map(|drift| drift / image.magnification));
+        let upright = tilt.shape([change.x_mm, change.y_mm].map(|drift| drift / image.magnification));
+        let shape = stretch.map_or(upright, |stretch| product(stretch, upright));
         let radius_px = (image.magnification * radius_mm).abs() * per_px;
-        let outwards = aberration_mm / (x_mm * x_mm + y_mm * y_mm).sqrt().max(1e-9);
         // In units of the radius along the first axis of the unit disc.
         let off_centre = magnification_slope * tilt.sin * radius_mm * radius_px;
         let centre_px = [
-            raster.axis_px[0] + (image.x_mm + outwards * x_mm) * per_px + off_centre * shape[0][0],
-            raster.axis_px[1] + (image.y_mm + outwards * y_mm) * per_px + off_centre * shape[1][0],
+            raster.axis_px[0] + image.x_mm * per_px + off_centre * shape[0][0],
+            raster.axis_px[1] + image.y_mm * per_px + off_centre * shape[1][0],
         ];
         let mut spot = Self {
             centre_px,
@@ -96,11 +99,12 @@ impl Spot {
             ways: Ways::new(),
             axis_px: raster.axis_px,
             pitch_mm: raster.pitch_mm,
+            smear: departure.map(|departure| departure.smear(per_px, image.blur_mm.signum())),
             bend: None,
         };
         spot.ways = pencil.ways_at(spot.image_mm(centre_px), spot.reach_px() * raster.pitch_mm);
         // What the lens adds changes too little across a step to count.
-        let per_mm = (image.magnification + outwards) * per_px;
+        let per_mm = image.magnification * per_px;
         let towards = image.magnification.signum();
         let jacobian = SpotJacobian::new(
             per_mm,
@@ -144,6 +148,11 @@ impl Spot {
         self.blur_px.abs() + self.blur_growth_px.abs()
     }
 
+    /// How far the image of a point of the dot reaches at most, px.
+    pub(crate) fn blur_reach_px(&self) -> f64 {
+        self.blur_px_max() + self.smear.map_or(0.0, |smear| smear.reach_px())
+    }
+
     /// Smallest blur on the dot, px.
     pub(crate) fn blur_px_min(&self) -> f64 {
         (self.blur_px.abs() - self.blur_growth_px.abs()).max(0.0)
@@ -175,7 +184,7 @@ impl Spot {
 
     /// Distance from the centre beyond which no light of the dot falls, px.
     pub(crate) fn reach_px(&self) -> f64 {
-        self.radius_px + self.blur_px_max() + PIXEL_REACH_PX
+        self.radius_px + self.blur_reach_px() + PIXEL_REACH_PX
     }
 
     /// How much shorter it is than it is long, relative to its length.
@@ -223,6 +232,34 @@ impl Imaging {
     }
 }
 
+impl Departure {
+    /// `sign` is that of the blur.
+    fn smear(&self, per_px: f64, sign: f64) -> Smear {
+        Smear {
+            outwards: self.outwards,
+            stretch_px: [self.spread.stretch_mm, self.outer.stretch_mm].map(|mm| sign * mm * per_px),
+            growth_px: sign * self.outer.growth_mm * per_px,
+            coma_px: self.spread.coma_mm.map(|mm| mm * per_px),
+            spherical_px: sign * self.spread.spherical_mm * per_px,
+        }
+    }
+
+    /// Adds it to an image and its changes; what is left is how the image is stretched, by as much in one direction as it is
+    /// shrunk in the other.
+    fn applied(&self, image: &mut Imaging, change: &mut Imaging) -> Matrix2 {
+        let [[a, b], [c, d]] = self.growth;
+        let mean = 0.5 * (a + d);
+        image.x_mm += self.shift_mm[0];
+        image.y_mm += self.shift_mm[1];
+        image.magnification += mean;
+        image.blur_mm += self.spread.growth_mm;
+        change.x_mm += self.shift_per_mm[0];
+        change.y_mm += self.shift_per_mm[1];
+        let inverse = 1.0 / image.magnification;
+        [[1.0 + (a - mean) * inverse, b * inverse], [c * inverse, 1.0 + (d - mean) * inverse]]
+    }
+}
+
 /// How a surface is tilted.
 struct Tilt {
     /// Unit vector along the steepest slope.
@@ -245,6 +282,11 @@ impl Tilt {
         let [ux, uy] = self.steepest;
         [[ux * self.cos + drift[0] * self.sin, -uy], [uy * self.cos + drift[1] * self.sin, ux]]
     }
+}
+
+/// The product of two matrices.
+pub(crate) fn product([[a, b], [c, d]]: Matrix2, [[e, f], [g, h]]: Matrix2) -> Matrix2 {
+    [[a * e + b * g, a * f + b * h], [c * e + d * g, c * f + d * h]]
 }
 
 /// Inverse of a matrix; a surface seen edge on counts as nearly so.

@@ -7,8 +7,8 @@ use std::{env, thread};
 
 use cpu_time::ThreadTime;
 use serde::Serialize;
-use twinpupil_instrument::{Prescription, Shape};
-use twinpupil_optics::{Glass, Ray, Rays, Train};
+use twinpupil_instrument::{Glass, Prescription, Shape};
+use twinpupil_optics::{Ray, Rays, Train};
 
 const LENS: &str = include_str!("../../../twinpupil-optics/tests/lenses/double-gauss.toml");
 const WAVELENGTH_NM: f64 = 587.6;

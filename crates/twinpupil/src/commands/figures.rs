@@ -165,6 +165,12 @@ fn lens(instrument: &Instrument) -> String {
             lens.groove_pitch_mm,
             format!("{:?}", lens.grooves).to_lowercase(),
         ),
+        Lens::Prescription(lens) => format!(
+            "lens of {} surfaces, f = {:.4} mm at {} nm",
+            lens.prescription.as_ref().map_or(0, |spec| spec.surfaces.len()),
+            instrument.lens.focal_length_mm(),
+            lens.design_wavelength_nm,
+        ),
     }
 }
 

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 use twinpupil_instrument::{Instrument, Projection};
-use twinpupil_optics::CardinalPoints;
+use twinpupil_optics::Camera;
 
 use super::comparison::signed;
 use super::published;
@@ -199,9 +199,8 @@ pub fn dispersed_depth_mm(z_mm: f64) -> Option<f64> {
 /// Focal length of the Fresnel lens in the telecentric band, mm.
 fn red_focal_length_mm() -> Option<f64> {
     let instrument: Instrument = fresnel_instrument().ok()?;
-    let twinpupil_instrument::Lens::Fresnel(lens) = &instrument.lens else { return None };
-    let band = instrument.band(twinpupil_instrument::Role::Telecentric);
-    Some(CardinalPoints::of_fresnel(lens, band.wavelength_nm).ok()?.focal_length_mm)
+    let telecentric = instrument.band_index(twinpupil_instrument::Role::Telecentric);
+    Some(Camera::new(&instrument).ok()?.bands()[telecentric].focal_length_mm())
 }
 
 /// The nearest and the farthest.

@@ -3,8 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use twinpupil_instrument::Prescription;
-use twinpupil_optics::{Beam, Catalogue, FieldPoint, ZmxLens};
+use twinpupil_instrument::{Catalogue, Prescription, PrescriptionSpec};
+use twinpupil_optics::{Beam, FieldPoint, ZmxLens};
 
 use super::input;
 
@@ -34,6 +34,19 @@ pub fn read_lens(path: &Path) -> Result<LensFile> {
     }
     let prescription = Prescription::from_toml(&input::read_text(path)?).with_context(name)?;
     Ok(LensFile { prescription, wavelengths_nm: WAVELENGTHS_NM.to_vec(), beam: None, fields: Vec::new() })
+}
+
+/// Reads a lens and puts what it needs of AGF catalogues among its own materials, so that it stands for itself.
+pub fn read_with_glasses(path: &Path, catalogues: &[PathBuf]) -> Result<PrescriptionSpec> {
+    let mut spec = PrescriptionSpec::clone(&read_lens(path)?.prescription);
+    let catalogues = read_catalogues(catalogues)?;
+    for surface in &spec.surfaces {
+        let name = &surface.medium;
+        if let Some(glass) = catalogues.iter().find_map(|catalogue| catalogue.glass(name)) {
+            spec.media.entry(name.clone()).or_insert_with(|| glass.medium().clone());
+        }
+    }
+    Ok(spec)
 }
 
 /// Reads AGF catalogues.

@@ -212,7 +212,7 @@ fn one_line(error: &anyhow::Error) -> String {
 pub(super) fn reader(instrument: &Instrument, detect: DetectOptions) -> Result<Reconstructor> {
     let table = match instrument.lens {
         Lens::Thin(_) => None,
-        Lens::Fresnel(_) => Some(twinpupil_optics::response_table_for(instrument)?),
+        Lens::Fresnel(_) | Lens::Prescription(_) => Some(twinpupil_optics::response_table_for(instrument)?),
     };
     let options = Options { mode: Mode::Model, detect, ..Options::default() };
     Ok(Reconstructor::new(instrument.clone(), table, options))

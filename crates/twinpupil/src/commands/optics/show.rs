@@ -5,7 +5,8 @@ use std::path::PathBuf;
 use anyhow::Result;
 use clap::Args as ClapArgs;
 use serde::Serialize;
-use twinpupil_optics::{ChromaticSums, FirstOrder, SeidelSums, paraxial_rays};
+use twinpupil_instrument::paraxial_rays;
+use twinpupil_optics::{ChromaticSums, FirstOrder, SeidelSums};
 
 use super::layout;
 use super::used::{LensArgs, Used};

@@ -4,7 +4,8 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use clap::Args;
-use twinpupil_optics::{Beam, Catalogue, Field, FieldPoint, FirstOrder, Ray, Train, paraxial_rays};
+use twinpupil_instrument::{Catalogue, paraxial_rays};
+use twinpupil_optics::{Beam, Field, FieldPoint, FirstOrder, Ray, Train};
 
 use crate::io::lens::{LensFile, read_catalogues, read_lens};
 

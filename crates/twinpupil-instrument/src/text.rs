@@ -1,9 +1,9 @@
 //! Text files of other programs, in whatever encoding they come.
 
-use twinpupil_instrument::check::SyntaxError;
+use crate::check::SyntaxError;
 
 /// The text of a file in UTF-8, UTF-16 (either order) or else Latin-1.
-pub(crate) fn decode(bytes: &[u8]) -> Result<String, SyntaxError> {
+pub fn decode(bytes: &[u8]) -> Result<String, SyntaxError> {
     let text = match bytes {
         [0xef, 0xbb, 0xbf, rest @ ..] => narrow(rest),
         [0xff, 0xfe, rest @ ..] => wide(rest, u16::from_le_bytes),

@@ -1,8 +1,40 @@
 //! Optical materials.
 
-use twinpupil_instrument::{Formula, MediumSpec};
+use std::collections::BTreeMap;
 
-use crate::{Catalogue, OpticsError, dispersion};
+use thiserror::Error;
+
+use crate::{Catalogue, Formula, MediumSpec, dispersion};
+
+/// Why a material has no index.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum GlassError {
+    /// A material without a dispersion formula.
+    #[error("`{key}` is {material}; legal: one of {count} built-in materials such as PMMA and N-BK7")]
+    Unknown {
+        /// Where the file asks for it.
+        key: String,
+        /// What was asked for.
+        material: String,
+        /// How many there are.
+        count: usize,
+    },
+    /// A wavelength at which a dispersion formula means nothing.
+    #[error(
+        "a wavelength of {wavelength_nm} nm is outside the dispersion formula of {material}; \
+         legal: {min_nm} to {max_nm} nm"
+    )]
+    Wavelength {
+        /// Of a band or of the lens's design, nm.
+        wavelength_nm: f64,
+        /// The material.
+        material: String,
+        /// Shortest legal wavelength, nm.
+        min_nm: f64,
+        /// Longest legal wavelength, nm.
+        max_nm: f64,
+    },
+}
 
 /// An optical material.
 #[derive(Debug, Clone, PartialEq)]
@@ -24,13 +56,33 @@ impl Glass {
     }
 
     /// The built-in material of that name, in upper or lower case, that the file asks for under `key`.
-    pub fn built_in(name: &str, key: &str) -> Result<&'static Self, OpticsError> {
+    pub fn built_in(name: &str, key: &str) -> Result<&'static Self, GlassError> {
         let catalogue = Catalogue::built_in();
-        catalogue.glass(name).ok_or_else(|| OpticsError::UnknownMaterial {
+        catalogue.glass(name).ok_or_else(|| GlassError::Unknown {
             key: key.to_owned(),
             material: name.to_owned(),
             count: catalogue.glasses().len(),
         })
+    }
+
+    /// The material of that name, which the file asks for under `key`: one of the user's `own`, of `catalogues` in their
+    /// order, or a built-in one.
+    pub fn named(
+        name: &str,
+        own: &BTreeMap<String, MediumSpec>,
+        catalogues: &[&Catalogue],
+        key: &str,
+    ) -> Result<Self, GlassError> {
+        if let Some(medium) = own.get(name) {
+            return Ok(Self::new(name, medium.clone()));
+        }
+        if name.eq_ignore_ascii_case("air") {
+            return Ok(Self::air());
+        }
+        match catalogues.iter().find_map(|catalogue| catalogue.glass(name)) {
+            Some(glass) => Ok(glass.clone()),
+            None => Self::built_in(name, key).cloned(),
+        }
     }
 
     /// The name used in files.
@@ -49,13 +101,13 @@ impl Glass {
     }
 
     /// Refractive index against air at a wavelength within its range.
-    pub fn index(&self, wavelength_nm: f64) -> Result<f64, OpticsError> {
+    pub fn index(&self, wavelength_nm: f64) -> Result<f64, GlassError> {
         let [min_nm, max_nm] = self.wavelengths_nm();
         let index = dispersion::index(&self.medium, wavelength_nm);
         if (min_nm..=max_nm).contains(&wavelength_nm) && (INDEX_MIN..=INDEX_MAX).contains(&index) {
             return Ok(index);
         }
-        Err(OpticsError::Wavelength { wavelength_nm, material: self.name.clone(), min_nm, max_nm })
+        Err(GlassError::Wavelength { wavelength_nm, material: self.name.clone(), min_nm, max_nm })
     }
 }
 

@@ -1,6 +1,6 @@
 //! Dispersion formulas.
 
-use twinpupil_instrument::{Formula, MediumSpec};
+use crate::{Formula, MediumSpec};
 
 /// Refractive index by the formula of a medium; NaN where that gives none.
 pub(crate) fn index(medium: &MediumSpec, wavelength_nm: f64) -> f64 {

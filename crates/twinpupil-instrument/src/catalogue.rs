@@ -6,11 +6,9 @@
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
-use twinpupil_instrument::check::SyntaxError;
-use twinpupil_instrument::{Formula, MediumSpec};
-
-use crate::Glass;
+use crate::check::SyntaxError;
 use crate::text::decode;
+use crate::{Formula, Glass, MediumSpec};
 
 /// Glasses by name; names are the same in upper and lower case.
 #[derive(Debug, Clone, PartialEq, Default)]

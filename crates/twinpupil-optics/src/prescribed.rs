@@ -1,0 +1,339 @@
+//! One band of a camera whose lens is given surface by surface.
+//!
+//! # Where things are
+//!
+//! The object's z counts from the front principal plane at the design wavelength; the sensor stands `distance_mm` behind
+//! the rear one, and masks among the surfaces where they are stated. The axes of the prescription follow the right hand
+//! with z along the light, so its y points up where that of the object points down.
+//!
+//! # Radiometry
+//!
+//! Rays leave the sensor towards places a in the band's rear principal plane, L behind which the sensor lies. Of light
+//! through an area A there the irradiance is `radiance · cos⁴θ · A/L²`, θ between ray and axis, and A follows from the
+//! pupil by [`Aim`]. Weights are relative to the axis of the ideal lens. Where one of the surfaces is an ideal lens there is
+//! no cos⁴θ, as for the model `thin`. Losses by reflection are left out.
+
+use twinpupil_instrument::{Band, ImagePoint, Instrument, PointSpread, PrescriptionLens, Shape};
+
+use crate::aim::{Aim, AimAt, Sample};
+use crate::least_squares::least_squares;
+use crate::linear::Linear;
+use crate::masks::Masks;
+use crate::spread::quadrants;
+use crate::stray::{Stray, probes};
+use crate::thin::ThinBand;
+use crate::train::{Block, LANES, Seeker, seek};
+use crate::{Fate, Mask, ObjectRays, OpticsError, Pencil, PointImage, Ray, RayFate, RayLedger, RayStarts, Train};
+
+/// Rays from each place that are probed for a pencil, in each quadrant of the pupil: with seven places one block.
+const PROBES_PER_QUADRANT: usize = 4;
+
+/// Rays over which the image of a point is averaged, in each quadrant of the pupil: one block of them.
+const RAYS_PER_QUADRANT: usize = LANES / 4;
+
+/// How far from the object point a ray may pass that counts as its own, mm.
+const AIM_TOLERANCE_MM: f64 = 1e-7;
+
+/// Enough for any ray that can be aimed at all.
+const AIM_STEPS: usize = 20;
+
+/// Step of finite differences on the sensor, mm.
+const DERIVATIVE_STEP_MM: f64 = 1e-4;
+
+/// Places on the sensor, and in the pupil for each, from which the aim is learnt.
+const AIM_PLACES: [usize; 2] = [12, 8];
+
+/// One band of a camera with a lens surface by surface.
+#[derive(Debug, Clone)]
+pub(crate) struct PrescribedBand {
+    /// From the sensor through the masks to the plane z = 0.
+    train: Train,
+    /// The same without masks.
+    lens: Train,
+    aim: Aim,
+    /// The same through an ideal lens.
+    ideal: ThinBand,
+    masks: Masks,
+    is_paraxial: bool,
+    /// Weight of a ray along the axis.
+    axial_weight: f64,
+}
+
+impl PrescribedBand {
+    pub(crate) fn new(
+        instrument: &Instrument,
+        lens: &PrescriptionLens,
+        band: &Band,
+        masks: &Masks,
+    ) -> Result<Self, OpticsError> {
+        let stand = lens.stand(instrument.sensor.distance_mm)?;
+        let places = lens.places(&instrument.apertures)?;
+        let surfaces = Train::new(&stand.prescription, &[], band.wavelength_nm)?
+            .with_end_plane(instrument.apertures.len(), stand.front_principal_mm);
+        let mut order: Vec<usize> = (0..places.len()).collect();
+        // Each is put next to its surface: the farthest one first.
+        order.sort_by(|a, b| places[*b].behind_mm.abs().total_cmp(&places[*a].behind_mm.abs()));
+        let with_masks = order.iter().fold(surfaces.clone(), |train, &index| {
+            let ([x_mm, y_mm], place) = (instrument.apertures[index].centre_mm, places[index]);
+            let rings = instrument.apertures[index].annuli(&band.name);
+            let centre_mm = [x_mm, -y_mm];
+            train.with_mask(index, &Mask { surface: place.surface, behind_mm: place.behind_mm, centre_mm, rings })
+        });
+        let pupil = masks.pupil();
+        let is_ideal = |shape: &Shape| matches!(shape, Shape::ThinLens { .. });
+        let mut made = Self {
+            train: with_masks.reversed(),
+            lens: surfaces.reversed(),
+            aim: Aim::IDEAL,
+            ideal: ThinBand::new(masks),
+            is_paraxial: stand.prescription.surfaces.iter().any(|surface| is_ideal(&surface.shape)),
+            axial_weight: 1.0 / pupil.filled_fraction(masks.pupil_radius_mm),
+            masks: masks.clone(),
+        };
+        let place = places[masks.pupil];
+        if place.surface + 1 < stand.prescription.surfaces.len() || place.behind_mm < 0.0 {
+            let mask = &instrument.apertures[masks.pupil];
+            let radius_mm = mask.annuli(&band.name).last().map_or(0.0, |ring| ring.outer_mm);
+            made.aim = made.learnt_aim(mask.centre_mm, radius_mm, instrument.corner_radius_mm());
+        }
+        Ok(made)
+    }
+
+    /// How rays meet the pupil that the lens, or a part of it, separates from the sensor.
+    fn learnt_aim(&self, centre_mm: [f64; 2], radius_mm: f64, image_radius_mm: f64) -> Aim {
+        let to_pupil = self.train.clear_to_mask(self.masks.pupil);
+        let image = quadrants(AIM_PLACES[0]).map(|place| place.map(|share| share * image_radius_mm));
+        let starts: Vec<([f64; 2], [f64; 2])> =
+            image.flat_map(|image_mm| quadrants(AIM_PLACES[1]).map(move |pupil| (image_mm, pupil))).collect();
+        let ideal_mm = |(image_mm, pupil): &([f64; 2], [f64; 2])| self.on_principal_plane(*image_mm, *pupil);
+        let mut seekers: Vec<Seeker> = starts
+            .iter()
+            .map(|start| {
+                let [x, y] = start.1.map(|share| share * radius_mm);
+                Seeker::new([centre_mm[0] + x, -centre_mm[1] - y], ideal_mm(start))
+            })
+            .collect();
+        seek(&to_pupil, &|index, place_mm| self.launch(starts[index].0, place_mm), &mut seekers, radius_mm);
+        let samples: Vec<Sample> = (starts.iter().zip(&seekers))
+            .filter(|(_, seeker)| seeker.is_there)
+            .map(|(start, seeker)| {
+                let ideal_mm = ideal_mm(start);
+                let added_mm = [0, 1].map(|k| seeker.start_mm[k] - ideal_mm[k]);
+                Sample { image_mm: start.0, pupil: start.1, added_mm }
+            })
+            .collect();
+        Aim::through(&samples, image_radius_mm)
+    }
+
+    /// Where the ideal ray from an image point to a pupil point crosses the rear principal plane, mm.
+    fn on_principal_plane(&self, image_mm: [f64; 2], pupil: [f64; 2]) -> [f64; 2] {
+        let lens = self.ideal.object_map(0.0);
+        [0, 1].map(|k| lens.component(k, pupil[k], image_mm[k]))
+    }
+
+    /// The ray that leaves the sensor at an upright image point for a place in the rear principal plane, in the axes of the
+    /// prescription.
+    fn launch(&self, [x_mm, y_mm]: [f64; 2], place_mm: [f64; 2]) -> Ray {
+        let away = [place_mm[0] + x_mm, -place_mm[1] - y_mm, -self.masks.sensor_distance_mm];
+        Ray::new([-x_mm, y_mm, 0.0], away)
+    }
+
+    /// The ray from an image point to a pupil point, and its weight.
+    fn launch_at(&self, image_mm: [f64; 2], pupil: [f64; 2], aim: &AimAt) -> (Ray, f64) {
+        let ideal_mm = self.on_principal_plane(image_mm, pupil);
+        if self.aim.is_ideal() {
+            let ray = self.launch(image_mm, ideal_mm);
+            return (ray, self.axial_weight * self.falloff(&ray));
+        }
+        let aimed = aim.at(pupil);
+        let ray = self.launch(image_mm, [0, 1].map(|k| ideal_mm[k] + aimed.place_mm[k]));
+        let unit_mm = self.ideal.object_map(0.0).per_pupil;
+        let [[a, b], [c, d]] = aimed.slopes_mm.map(|row| row.map(|slope_mm| slope_mm / unit_mm));
+        let area = (1.0 + a) * (1.0 + d) - b * c;
+        (ray, self.axial_weight * area.abs() * self.falloff(&ray))
+    }
+
+    /// cos⁴θ.
+    fn falloff(&self, ray: &Ray) -> f64 {
+        if self.is_paraxial { 1.0 } else { ray.direction[2].powi(4) }
+    }
+
+    pub(crate) fn trace(&self, starts: RayStarts<'_>, rays: &mut ObjectRays, ledger: &mut RayLedger) {
+        let count = starts.len();
+        rays.resize(count);
+        ledger.launched += count as u64;
+        for first in (0..count).step_by(LANES) {
+            let block = first..count.min(first + LANES);
+            self.trace_block(&self.train, starts.slice(block.clone()), block.start, rays, ledger);
+        }
+    }
+
+    /// Fills the rays from `first` on with those of up to [`LANES`] starts.
+    fn trace_block(
+        &self,
+        train: &Train,
+        starts: RayStarts<'_>,
+        first: usize,
+        rays: &mut ObjectRays,
+        ledger: &mut RayLedger,
+    ) {
+        let mut block = Block::ON_AXIS;
+        let image_mm = |lane: usize| [starts.image_x_mm[lane], starts.image_y_mm[lane]];
+        let (mut from_mm, mut aim) = ([f64::NAN; 2], self.aim.at([0.0; 2]));
+        for lane in 0..starts.len() {
+            let image_mm = image_mm(lane);
+            if image_mm != from_mm && !self.aim.is_ideal() {
+                (from_mm, aim) = (image_mm, self.aim.at(image_mm));
+            }
+            let (ray, weight) = self.launch_at(image_mm, [starts.pupil_x[lane], starts.pupil_y[lane]], &aim);
+            block.set(lane, &ray);
+            rays.weight[first + lane] = weight;
+        }
+        train.send(&mut block);
+        for lane in 0..starts.len() {
+            let (at, out) = (first + lane, block.ray(lane));
+            let ([x, y, _], [dx, dy, dz]) = (out.position_mm, out.direction);
+            (rays.x_mm[at], rays.y_mm[at]) = (x, -y);
+            (rays.slope_x[at], rays.slope_y[at]) = (-dx / dz, dy / dz);
+            let fate = of_train(block.ended(lane));
+            ledger.settle(fate);
+            if fate != RayFate::Arrived {
+                rays.weight[at] = 0.0;
+            }
+        }
+    }
+
+    /// The ideal lens's pencil, moved to where rays from all over the pupil and from the centre and the rim of the image
+    /// disc are on the average.
+    pub(crate) fn pencil(&self, centre: ImagePoint, radius_mm: f64) -> Pencil {
+        let ideal = self.ideal.pencil(centre, radius_mm);
+        let starts: Vec<_> = probes(centre, radius_mm, PROBES_PER_QUADRANT).collect();
+        let mut rays = ObjectRays::default();
+        self.trace_through(&self.lens, &starts, &mut rays);
+        let from = |linear: &Linear, k: usize, n: usize| linear.component(k, starts[n].1[k], starts[n].0[k]);
+        let stray = |n: usize| Stray {
+            position_mm: [rays.x_mm[n] - from(&ideal.lens, 0, n), rays.y_mm[n] - from(&ideal.lens, 1, n)],
+            slope: [rays.slope_x[n] - from(&ideal.slope, 0, n), rays.slope_y[n] - from(&ideal.slope, 1, n)],
+        };
+        let strays: Vec<Stray> = (0..starts.len()).filter(|n| rays.weight[*n] > 0.0).map(stray).collect();
+        ideal.strayed(&strays, [0.0; 2])
+    }
+
+    /// Rays of up to [`LANES`] image and pupil points.
+    fn trace_through(&self, train: &Train, starts: &[([f64; 2], [f64; 2])], rays: &mut ObjectRays) {
+        let column = |of: fn(&([f64; 2], [f64; 2])) -> f64| starts.iter().map(of).collect::<Vec<f64>>();
+        let (image_x_mm, image_y_mm) = (column(|start| start.0[0]), column(|start| start.0[1]));
+        let (pupil_x, pupil_y) = (column(|start| start.1[0]), column(|start| start.1[1]));
+        let starts =
+            RayStarts { image_x_mm: &image_x_mm, image_y_mm: &image_y_mm, pupil_x: &pupil_x, pupil_y: &pupil_y };
+        rays.resize(starts.len());
+        self.trace_block(train, starts, 0, rays, &mut RayLedger::default());
+    }
+
+    /// What the masks do to the image of a point is what they do behind the ideal lens; where the light of the whole pupil
+    /// lies, how wide and how much it is, an average over one block of rays that meet the point, found by aiming them from the
+    /// sensor.
+    ///
+    /// A bundle of unit density over sensor and pupil has the density 1/|∂x/∂p| over the object, which makes each
+    /// ray's share its weight over that determinant; the ideal lens's determinant is the unit.
+    pub(crate) fn point_image(&self, object_mm: [f64; 3]) -> PointImage {
+        let behind_ideal = self.masks.point_image(object_mm);
+        let map = self.ideal.object_map(object_mm[2]);
+        let (pupil, radius_mm) = (self.masks.pupil(), self.masks.pupil_radius_mm);
+        let is_open = |point: &[f64; 2]| pupil.check([0, 1].map(|k| pupil.centre_mm[k] + radius_mm * point[k])).is_ok();
+        let starts: Vec<([f64; 2], [f64; 2])> = quadrants(RAYS_PER_QUADRANT)
+            .filter(is_open)
+            .map(|point| ([0, 1].map(|k| (object_mm[k] - map.component(k, point[k], 0.0)) / map.per_image), point))
+            .collect();
+        let shares = self.shares(&map, object_mm, &starts);
+        let light: f64 = shares.iter().map(|(share, _)| share).sum();
+        if light <= 0.0 {
+            return PointImage { throughput: 0.0, ..behind_ideal };
+        }
+        let added_mm = |n: usize| [0, 1].map(|k| shares[n].1[k] - starts[n].0[k]);
+        let mean_mm = [0, 1].map(|k| (0..starts.len()).map(|n| shares[n].0 * added_mm(n)[k]).sum::<f64>() / light);
+        let arrived = (0..starts.len()).filter(|n| shares[*n].0 > 0.0);
+        let ImagePoint { x_mm, y_mm } = behind_ideal.centroid;
+        PointImage {
+            throughput: behind_ideal.throughput * light / (4 * RAYS_PER_QUADRANT) as f64,
+            centroid: ImagePoint { x_mm: x_mm + mean_mm[0], y_mm: y_mm + mean_mm[1] },
+            spread: spread(object_mm, &arrived.map(|n| (starts[n].1, added_mm(n))).collect::<Vec<_>>()),
+        }
+    }
+
+    /// Share and image point of every ray that meets an object point through the pupil points of `starts`, which say where
+    /// the ideal lens would image it; 0 for one that does not get through.
+    fn shares(&self, map: &Linear, object_mm: [f64; 3], starts: &[([f64; 2], [f64; 2])]) -> Vec<(f64, [f64; 2])> {
+        let mut now = starts.to_vec();
+        let mut rays = ObjectRays::default();
+        let at = |rays: &ObjectRays, n: usize| {
+            [rays.x_mm[n] + rays.slope_x[n] * object_mm[2], rays.y_mm[n] + rays.slope_y[n] * object_mm[2]]
+        };
+        let mut is_there = vec![false; now.len()];
+        for _ in 0..AIM_STEPS {
+            self.trace_through(&self.lens, &now, &mut rays);
+            // The ideal lens's derivative, which the real one's differs from by some per cent.
+            for (n, (image_mm, _)) in now.iter_mut().enumerate() {
+                let at_mm = at(&rays, n);
+                let miss_mm = [object_mm[0] - at_mm[0], object_mm[1] - at_mm[1]];
+                is_there[n] = miss_mm[0].hypot(miss_mm[1]) < AIM_TOLERANCE_MM;
+                if !is_there[n] {
+                    *image_mm = [0, 1].map(|k| image_mm[k] + miss_mm[k] / map.per_image);
+                }
+            }
+            if is_there.iter().all(|there| *there) {
+                break;
+            }
+        }
+        let (weight, found): (Vec<f64>, Vec<[f64; 2]>) = (0..now.len()).map(|n| (rays.weight[n], at(&rays, n))).unzip();
+        let beside = |axis: usize| {
+            let mut moved = now.clone();
+            moved.iter_mut().for_each(|(image_mm, _)| image_mm[axis] += DERIVATIVE_STEP_MM);
+            let mut rays = ObjectRays::default();
+            self.trace_through(&self.lens, &moved, &mut rays);
+            (0..moved.len()).map(|n| at(&rays, n)).collect::<Vec<_>>()
+        };
+        let [by_x, by_y] = [0, 1].map(beside);
+        let unit = map.per_image * map.per_image;
+        let share = |n: usize| {
+            let slope = |to: &[[f64; 2]]| [0, 1].map(|k| (to[n][k] - found[n][k]) / DERIVATIVE_STEP_MM);
+            let ([a, b], [c, d]) = (slope(&by_x), slope(&by_y));
+            let share = weight[n] * unit / (a * d - b * c).abs();
+            if is_there[n] && share.is_finite() { (share, now[n].0) } else { (0.0, starts[n].0) }
+        };
+        (0..now.len()).map(share).collect()
+    }
+}
+
+/// How light is spread that arrives from pupil points farther than through the ideal lens, by the polynomial that comes
+/// nearest.
+fn spread([x_mm, y_mm, _]: [f64; 3], added: &[([f64; 2], [f64; 2])]) -> PointSpread {
+    let r_mm = x_mm.hypot(y_mm);
+    let [cos, sin] = if r_mm > 0.0 { [x_mm / r_mm, y_mm / r_mm] } else { [1.0, 0.0] };
+    // Along the radius and across it.
+    let turned = |[x, y]: [f64; 2]| [cos * x + sin * y, cos * y - sin * x];
+    let terms = |[u, v]: [f64; 2]| {
+        let cubic = u * u + v * v - 2.0 / 3.0;
+        [1.0, u, v, u * u, u * v, v * v, cubic * u, cubic * v]
+    };
+    let column = |k: usize| added.iter().map(|(pupil, _)| terms(turned(*pupil))[k]).collect();
+    let right = |k: usize| added.iter().map(|(_, added_mm)| turned(*added_mm)[k]).collect();
+    let factors_mm = least_squares((0..8).map(column).collect(), [right(0), right(1)]);
+    let [along, across] = [-factors_mm[1][0], -factors_mm[2][1]];
+    PointSpread {
+        growth_mm: 0.5 * (along + across),
+        stretch_mm: 0.5 * (along - across),
+        coma_mm: [factors_mm[3][0], factors_mm[5][0], factors_mm[4][1]],
+        spherical_mm: -0.5 * (factors_mm[6][0] + factors_mm[7][1]),
+    }
+}
+
+/// How a ray ends, for a camera.
+fn of_train(fate: Fate) -> RayFate {
+    match fate {
+        Fate::Arrived => RayFate::Arrived,
+        Fate::Blocked { mask } => RayFate::Blocked { aperture: mask },
+        Fate::Missed { .. } | Fate::Vignetted { .. } => RayFate::MissedLens,
+        Fate::TotalInternalReflection { .. } => RayFate::TotalInternalReflection,
+    }
+}

@@ -1,0 +1,203 @@
+//! Cameras whose lens is given surface by surface.
+
+use twinpupil_instrument::{
+    Grid, Instrument, InstrumentError, Lens, Prescription, PrescriptionLens, Projection, paper,
+};
+use twinpupil_optics::{Camera, ObjectRays, RayLedger, RayStarts, Train, response_table};
+
+/// Of the design of the double Gauss, nm.
+const DESIGN_NM: f64 = 587.6;
+
+/// The paper's camera with another `[lens]`, and other replacements.
+fn camera(lens: &str, replaced: &[(&str, &str)]) -> Result<Instrument, InstrumentError> {
+    let (before, rest) = paper::INSTRUMENT_TOML.split_once("[lens]").expect("a lens");
+    let (_, behind) = rest.split_once("[sensor]").expect("a sensor");
+    let text = format!("{before}[lens]\nmodel = \"prescription\"\n{lens}\n[sensor]{behind}");
+    Instrument::from_toml(&replaced.iter().fold(text, |text, (from, to)| {
+        assert!(text.contains(from), "{from}");
+        text.replacen(from, to, 1)
+    }))
+}
+
+/// The double Gauss with the entocentric mask at its stop and the telecentric one in its focal plane.
+fn double_gauss(replaced: &[(&str, &str)]) -> Instrument {
+    let lens = include_str!("lenses/double-gauss.toml").replace("[[surface]]", "[[lens.prescription.surface]]");
+    let lens = lens.replace("name = \"double Gauss F/2\"", "");
+    let masks = [
+        ("position_mm = 0.0", "position_mm = 0.0\nsurface = 5"),
+        ("position_mm = 100.0", "position_mm = 61.4875\nsurface = 10"),
+    ];
+    camera(&lens, &[&masks, replaced].concat()).expect("a legal camera")
+}
+
+const SINGLET: &str = r#"
+[[lens.prescription.surface]]
+shape = { kind = "sphere", radius_mm = 100.0 }
+gap_mm = 6.0
+medium = "N-BK7"
+[[lens.prescription.surface]]
+shape = { kind = "sphere", radius_mm = -100.0 }
+"#;
+
+const IDEAL: &str = r#"
+[[lens.prescription.surface]]
+shape = { kind = "thin-lens", focal_length_mm = 100.0 }
+"#;
+
+#[test]
+fn an_ideal_lens_as_a_prescription_is_the_thin_lens() {
+    let front = "\n[[aperture]]\nposition_mm = -12.0\ncentre_mm = [0.3, -0.2]\n\
+                 zones = [{ radius_mm = 9.0, pass = [\"red\", \"blue\"] }]\n";
+    let thin = Instrument::from_toml(&(paper::INSTRUMENT_TOML.to_owned() + front)).expect("legal");
+    let mut spec = camera(IDEAL, &[]).expect("legal").into_spec();
+    spec.apertures.clone_from(&thin.apertures);
+    let prescribed = Instrument::new(spec).expect("legal");
+    let grids = [Grid::spanning(0.5, 9.0, 18), Grid::spanning(240.0, 360.0, 4), Grid::spanning(0.0, 6.0, 5)];
+    let [ideal, found] = [&thin, &prescribed]
+        .map(|instrument| response_table(&Camera::new(instrument).expect("legal"), grids[0], grids[1], grids[2]));
+    for (ideal, found) in ideal.bands.iter().zip(&found.bands) {
+        assert!((ideal.focal_length_mm - found.focal_length_mm).abs() < 1e-12);
+        for (a, b) in ideal.nodes.iter().zip(&found.nodes) {
+            assert!((a.throughput - b.throughput).abs() < 1e-9, "{a:?} {b:?}");
+            assert!((a.radial_deviation_mm - b.radial_deviation_mm).abs() < 1e-9, "{a:?} {b:?}");
+            let spread = [b.spread.growth_mm, b.spread.stretch_mm, b.spread.spherical_mm];
+            let added_mm = spread.into_iter().chain(b.spread.coma_mm).chain([b.aberration_mm]);
+            assert!(added_mm.into_iter().all(|mm| mm.abs() < 1e-9), "{b:?}");
+        }
+        assert_eq!(ideal.ground, found.ground);
+    }
+}
+
+#[test]
+fn a_mask_at_the_stop_appears_where_the_pupil_of_the_lens_is() {
+    let instrument = double_gauss(&[("wavelength_nm = 450.0", "wavelength_nm = 587.6")]);
+    let Lens::Prescription(lens) = &instrument.lens else { panic!("a prescription") };
+    let prescription = Prescription::new(lens.prescription.clone().expect("surfaces")).expect("legal");
+    let first_order = Train::new(&prescription, &[], DESIGN_NM).expect("glasses").first_order(prescription.stop());
+    let pupil = first_order.entrance_pupil.expect("a stop");
+    let blue = instrument.projection(&instrument.bands[1]);
+    assert!((blue.focal_length_mm - first_order.focal_length_mm).abs() < 1e-10);
+    assert!((blue.pupil_position_mm - (pupil.position_mm - first_order.front_principal_mm)).abs() < 1e-10);
+    assert!((blue.pupil_radius_mm - pupil.magnification).abs() < 1e-12);
+}
+
+#[test]
+fn rays_near_the_axis_go_where_first_order_says() {
+    let instrument = double_gauss(&[
+        ("wavelength_nm = 450.0", "wavelength_nm = 587.6"),
+        ("wavelength_nm = 680.0", "wavelength_nm = 587.6"),
+    ]);
+    for (band, optics) in instrument.bands.iter().zip(Camera::new(&instrument).expect("legal").bands()) {
+        let projection: Projection = instrument.projection(band);
+        for z_mm in [250.0, 340.0] {
+            let image = projection.image([0.01, -0.02, z_mm]);
+            let starts =
+                RayStarts { image_x_mm: &[image.x_mm], image_y_mm: &[image.y_mm], pupil_x: &[0.0], pupil_y: &[0.0] };
+            let mut rays = ObjectRays::default();
+            optics.trace(starts, &mut rays, &mut RayLedger::default());
+            let at = [rays.x_mm[0] + z_mm * rays.slope_x[0], rays.y_mm[0] + z_mm * rays.slope_y[0]];
+            assert!((at[0] - 0.01).hypot(at[1] + 0.02) < 1e-6, "{} {z_mm}: {at:?}", band.name);
+        }
+    }
+}
+
+#[test]
+fn rays_are_aimed_at_the_whole_pupil_and_at_nothing_else() {
+    // The pupil alone, so that it alone can stop a ray.
+    let mut spec = double_gauss(&[]).into_spec();
+    spec.apertures.truncate(1);
+    spec.apertures[0].zones[0].pass = vec!["red".to_owned(), "blue".to_owned()];
+    spec.apertures[0].zones.truncate(1);
+    let instrument = Instrument::new(spec).expect("legal");
+    for optics in Camera::new(&instrument).expect("legal").bands() {
+        for image_mm in [[0.0, 0.0], [3.0, -2.0], [5.6, 3.5]] {
+            let rim = |radius: f64| {
+                let angles: Vec<f64> = (0..64).map(|k| f64::from(k) / 64.0 * std::f64::consts::TAU).collect();
+                let along = |of: fn(f64) -> f64| angles.iter().map(|angle| radius * of(*angle)).collect::<Vec<_>>();
+                let (pupil_x, pupil_y) = (along(f64::cos), along(f64::sin));
+                let (x, y) = (vec![image_mm[0]; 64], vec![image_mm[1]; 64]);
+                let starts = RayStarts { image_x_mm: &x, image_y_mm: &y, pupil_x: &pupil_x, pupil_y: &pupil_y };
+                let mut ledger = RayLedger::default();
+                optics.trace(starts, &mut ObjectRays::default(), &mut ledger);
+                assert_eq!((ledger.launched, ledger.total()), (64, 64));
+                ledger.arrived
+            };
+            assert_eq!((rim(0.999_999), rim(1.000_001)), (64, 0), "{} {image_mm:?}", optics.name());
+        }
+    }
+}
+
+#[test]
+fn a_point_image_is_where_a_dense_bundle_says() {
+    // Monte Carlo over sensor and pupil against rays aimed at the point: a small disc stands in for the point.
+    let instrument = double_gauss(&[]);
+    for optics in Camera::new(&instrument).expect("legal").bands() {
+        let object_mm = [2.6, 0.0, 330.0];
+        let expected = optics.point_image(object_mm);
+        let golden_angle = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
+        let point = |k: u32| {
+            let (sin, cos) = (golden_angle * f64::from(k)).sin_cos();
+            let radius = ((f64::from(k) + 0.5) / 200.0).sqrt();
+            (radius * cos, radius * sin)
+        };
+        let (pupil_x, pupil_y): (Vec<f64>, Vec<f64>) = (0..200).map(point).unzip();
+        let (mut light, mut moment) = (0.0, 0.0);
+        let (reach_mm, cells, spot_mm) = (0.3, 90, 0.05);
+        let mut rays = ObjectRays::default();
+        for k in 0..cells * cells {
+            let at = |i: i32| reach_mm * (2.0 * (f64::from(i) + 0.5) / f64::from(cells) - 1.0);
+            let x = vec![expected.centroid.x_mm + at(k % cells); pupil_x.len()];
+            let y = vec![expected.centroid.y_mm + at(k / cells); pupil_x.len()];
+            let starts = RayStarts { image_x_mm: &x, image_y_mm: &y, pupil_x: &pupil_x, pupil_y: &pupil_y };
+            optics.trace(starts, &mut rays, &mut RayLedger::default());
+            for (j, x_mm) in x.iter().enumerate() {
+                let off_x = rays.x_mm[j] + object_mm[2] * rays.slope_x[j] - object_mm[0];
+                if off_x.hypot(rays.y_mm[j] + object_mm[2] * rays.slope_y[j]) < spot_mm {
+                    light += rays.weight[j];
+                    moment += rays.weight[j] * x_mm;
+                }
+            }
+        }
+        let cell_mm2 = (2.0 * reach_mm / f64::from(cells)).powi(2);
+        let magnification = optics.projection().magnification(object_mm[2]);
+        let unclipped = std::f64::consts::PI * (spot_mm * magnification).powi(2) / cell_mm2 * pupil_x.len() as f64;
+        assert!((moment / light - expected.centroid.x_mm).abs() < 1e-3, "{} {expected:?}", moment / light);
+        assert!((light / unclipped - expected.throughput).abs() < 0.02, "{} {expected:?}", light / unclipped);
+    }
+}
+
+#[test]
+fn masks_in_glass_are_refused_with_what_to_state() {
+    let said = |replaced: &[(&str, &str)]| camera(SINGLET, replaced).expect_err("must be refused").to_string();
+    let message = said(&[]);
+    let expected = "`aperture[0].position_mm` is 0; legal: below ";
+    assert!(message.starts_with(expected) && message.contains("within it state `surface`"), "{message}");
+    let at = |place: &str| said(&[("position_mm = 0.0", place)]);
+    assert!(at("position_mm = 2.0\nsurface = 0").contains("`aperture[0].position_mm` is 2; legal: 0 or 6, for there"));
+    assert!(at("position_mm = 2.0\nsurface = 2").contains("`aperture[0].surface` is 2; legal: 0 to 1"));
+    assert!(at("position_mm = -2.0\nsurface = 1").contains("`aperture[0].position_mm` is -2; legal: 0 to"));
+    assert!(camera(SINGLET, &[("position_mm = 0.0", "position_mm = 6.0\nsurface = 0")]).is_ok());
+    let cylinder =
+        SINGLET.replacen("\"sphere\", radius_mm = 100.0", "\"cylinder\", curved = \"x\", radius_mm = 100.0", 1);
+    let message = camera(&cylinder, &[]).expect_err("must be refused").to_string();
+    assert!(message.contains("`lens.prescription.surface[0]` is a break or a cylinder"), "{message}");
+    let file = camera("file = \"lens.zmx\"", &[]).expect_err("must be refused").to_string();
+    assert_eq!(file, "`lens.file` is lens.zmx; legal: a file that has been read");
+}
+
+#[test]
+fn a_focal_length_scales_the_whole_lens() {
+    let lens = format!("focal_length_mm = 50.0\n{SINGLET}");
+    let replaced = [
+        ("position_mm = 0.0", "position_mm = 0.0\nsurface = 0"),
+        ("position_mm = 100.0", "position_mm = 50.0"),
+        ("distance_mm = 151.0", "distance_mm = 70.0"),
+    ];
+    let instrument = camera(&lens, &replaced).expect("legal");
+    let Lens::Prescription(lens) = &instrument.lens else { panic!("a prescription") };
+    let stand = PrescriptionLens::stand(lens, 70.0).expect("legal");
+    let own = Train::new(&stand.prescription, &[], DESIGN_NM).expect("glass").first_order(None);
+    assert!((own.focal_length_mm - 50.0).abs() < 1e-12);
+    assert!((own.rear_principal_mm + 70.0 - stand.prescription.surfaces[1].gap_mm).abs() < 1e-12);
+    assert_eq!(Instrument::from_toml(&instrument.to_toml()).expect("reads back"), instrument);
+}
