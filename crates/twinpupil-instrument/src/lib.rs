@@ -63,3 +63,4 @@ pub use registration::Registration;
 pub use response::{BandResponse, Grid, PointResponse, PointSpread, ResponseTable};
 pub use sensor::Sensor;
 pub use spectra::{ResponseMatrix, SpectraError, SpectraSpec, SpectralTable};
+pub use thick::MaskImage;

@@ -4,8 +4,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::check::{ValueError, within};
-use crate::thick::ThickLens;
-use crate::{Aperture, GlassError, Prescription, PrescriptionSpec, Shape};
+use crate::thick::{MaskImage, ThickLens};
+use crate::{Aperture, CardinalPoints, GlassError, Prescription, PrescriptionSpec, Shape};
 
 /// A lens surface by surface, traced ray by ray.
 ///
@@ -53,6 +53,19 @@ pub struct LensStand {
     pub rear_principal_mm: f64,
     /// The last vertex.
     pub length_mm: f64,
+}
+
+impl Default for PrescriptionLens {
+    /// Without surfaces.
+    fn default() -> Self {
+        Self {
+            focal_length_mm: None,
+            design_wavelength_nm: Self::default_design_wavelength_nm(),
+            file: None,
+            catalogues: Vec::new(),
+            prescription: None,
+        }
+    }
 }
 
 impl PrescriptionLens {
@@ -110,6 +123,22 @@ impl PrescriptionLens {
             rear_principal_mm: design.rear_principal_mm(),
             length_mm: design.length_mm(),
         })
+    }
+
+    /// Focal length and principal planes at a wavelength.
+    ///
+    /// # Errors
+    /// Where a material is not known, or not at that wavelength.
+    pub fn cardinal_points(&self, wavelength_nm: f64) -> Result<CardinalPoints, ValueError> {
+        Ok(self.thick(wavelength_nm, "wavelength_nm")?.points())
+    }
+
+    /// How a mask appears at a wavelength: from the image, or from the object if that puts it in front of the lens.
+    ///
+    /// # Errors
+    /// Where a material is not known, or not at that wavelength.
+    pub fn image_of_mask(&self, place: MaskPlace, wavelength_nm: f64) -> Result<MaskImage, ValueError> {
+        Ok(self.thick(wavelength_nm, "wavelength_nm")?.image_of_mask(place.surface, place.behind_mm))
     }
 
     /// Where masks of a camera stand.

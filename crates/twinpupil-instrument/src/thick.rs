@@ -13,11 +13,11 @@ pub(crate) struct ThickLens {
 
 /// An image of a mask.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct MaskImage {
+pub struct MaskImage {
     /// Behind the rear principal plane, mm; if negative, in front of the front one.
-    pub(crate) position_mm: f64,
+    pub position_mm: f64,
     /// Its size relative to the mask; negative if it is upside down.
-    pub(crate) scale: f64,
+    pub scale: f64,
 }
 
 impl ThickLens {
@@ -38,6 +38,10 @@ impl ThickLens {
         let inner = surfaces.len().saturating_sub(1);
         let length_mm = surfaces[..inner].iter().map(|surface| surface.gap_behind_mm).sum();
         Ok(Self { points: CardinalPoints::of(&surfaces), surfaces, length_mm })
+    }
+
+    pub(crate) fn points(&self) -> CardinalPoints {
+        self.points
     }
 
     pub(crate) fn focal_length_mm(&self) -> f64 {

@@ -34,6 +34,7 @@ mod rays;
 mod refraction;
 mod region;
 mod response;
+mod site;
 mod spread;
 mod stop;
 mod stray;
@@ -47,6 +48,7 @@ pub use pencil::Pencil;
 pub use point_image::PointImage;
 pub use rays::{Footprint, ObjectRays, RayStarts};
 pub use response::{response_grids, response_table, response_table_for};
+pub use site::{Room, entocentric_place, rooms, telecentric_place};
 pub use train::{
     ChromaticSums, Fate, FateLedger, Field, FirstOrder, Mask, Pupil, Ray, Rays, SeidelSums, SurfaceLosses, Train,
 };

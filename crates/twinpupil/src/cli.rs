@@ -7,8 +7,8 @@ use anyhow::{Context, Result};
 use clap::{Parser, Subcommand};
 
 use crate::commands::{
-    analyze, calibrate, crosstalk, demo, detect, fit, instrument, optics, reconstruct, reproduce, scene, simulate,
-    target,
+    analyze, calibrate, crosstalk, demo, design, detect, fit, instrument, optics, reconstruct, reproduce, scene,
+    simulate, target,
 };
 use crate::console::Console;
 
@@ -54,6 +54,8 @@ enum Command {
     /// Tell what a design is worth
     #[command(subcommand)]
     Analyze(analyze::Command),
+    /// Make a camera of a lens: where the masks and the sensor go, how wide the pupils are, what it can do
+    Design(design::Args),
     /// Tell what a lens does that is given surface by surface
     #[command(subcommand)]
     Optics(optics::Command),
@@ -100,6 +102,7 @@ fn run(cli: &Cli) -> Result<()> {
         Command::Fit(command) => fit::run(command),
         Command::Calibrate(args) => calibrate::run(args, &console),
         Command::Analyze(command) => analyze::run(command, &console),
+        Command::Design(args) => design::run(args, &console),
         Command::Optics(command) => optics::run(command),
         Command::Crosstalk(args) => crosstalk::run(args, &console),
         Command::Reproduce(args) => reproduce::run(args, &console),

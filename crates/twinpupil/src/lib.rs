@@ -6,6 +6,7 @@
 pub mod cli;
 pub mod commands;
 pub mod console;
+pub mod design;
 pub mod experiments;
 pub mod flow;
 pub mod heat_map;

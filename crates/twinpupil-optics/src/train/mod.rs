@@ -26,6 +26,7 @@ pub use seidel::{ChromaticSums, SeidelSums};
 
 use crate::OpticsError;
 pub(crate) use aim::{Seeker, seek};
+pub(crate) use face::Profile as SurfaceProfile;
 use face::{Action, Clear, Face, Profile, Rings};
 pub(crate) use rays::{Block, LANES};
 use rigid::Rigid;

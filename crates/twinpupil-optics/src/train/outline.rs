@@ -29,7 +29,7 @@ fn placed(place: &Rigid, local: [f64; 3]) -> [f64; 3] {
 
 impl Profile {
     /// Depth behind the vertex, mm; NaN beyond the rim.
-    fn depth_mm(&self, [x, y]: [f64; 2]) -> f64 {
+    pub(crate) fn depth_mm(&self, [x, y]: [f64; 2]) -> f64 {
         let square = x * x + y * y;
         match self {
             Self::Plane | Self::Fresnel(_) => 0.0,

@@ -106,8 +106,8 @@ impl Figures {
                 band.wavelength_nm.to_string(),
                 format!("{:.2}", band.focal_length_mm),
                 format!("{:.2}", band.focus_distance_mm),
-                band.pupil_position_mm.to_string(),
-                (band.pupil_diameter_mm).to_string(),
+                readable(band.pupil_position_mm),
+                readable(band.pupil_diameter_mm),
                 size(band.field_of_view_near_mm),
                 size(band.field_of_view_far_mm),
             ]
@@ -152,6 +152,11 @@ impl Figures {
         }
         text
     }
+}
+
+/// To a ten-thousandth, without zeros at the end.
+fn readable(mm: f64) -> String {
+    ((1e4 * mm).round() / 1e4).to_string()
 }
 
 fn lens(instrument: &Instrument) -> String {

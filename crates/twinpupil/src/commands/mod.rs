@@ -4,6 +4,7 @@ pub mod analyze;
 pub mod calibrate;
 pub mod crosstalk;
 pub mod demo;
+pub mod design;
 pub mod destination;
 pub mod detect;
 pub mod figures;

@@ -1,0 +1,189 @@
+//! `twinpupil design`: a lens made into a camera with two pupils.
+
+mod page;
+mod text;
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use anyhow::{Context, Result, bail};
+use serde::Serialize;
+use twinpupil_instrument::{DepthRange, Instrument, MaskPlace, PrescriptionLens};
+
+use super::destination::pretty;
+use crate::console::Console;
+use crate::design::{Check, Choice, Design, Light, Wishes, best, check, choices, design, sweep};
+use crate::io::folder::FolderOutputs;
+use crate::io::lens::read_with_glasses;
+use crate::io::output;
+use crate::load::LoadedInstrument;
+
+/// `twinpupil design …`.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Lens: a `.zmx` file, or a prescription in TOML
+    lens: PathBuf,
+    /// AGF catalogue with glasses of the lens; may be given several times
+    #[arg(long, value_name = "FILE")]
+    agf: Vec<PathBuf>,
+    /// Scale the lens to this focal length, mm
+    #[arg(long, value_name = "MM")]
+    focal_length_mm: Option<f64>,
+    /// Instrument whose sensor and bands the camera is to have
+    #[arg(long, value_name = "FILE", default_value = "paper")]
+    like: PathBuf,
+    /// Distance in front of the front principal plane that is to be in focus, mm
+    #[arg(long, value_name = "MM")]
+    distance_mm: f64,
+    /// Nearest distance of objects, mm; 0.85 of the distance if left out
+    #[arg(long, value_name = "MM")]
+    near_mm: Option<f64>,
+    /// Farthest distance of objects, mm; 1.18 of the distance if left out
+    #[arg(long, value_name = "MM")]
+    far_mm: Option<f64>,
+    /// Diameter of the dots by which depth is judged, mm
+    #[arg(long, value_name = "MM", default_value_t = 1.0)]
+    diameter_mm: f64,
+    /// Electrons of a dot through a pupil as wide on the lens as a hundredth of the focal length, in radius
+    #[arg(long, value_name = "E", default_value_t = 20_000.0)]
+    brightness_e: f64,
+    /// Largest radius about the axis in which a band may see nothing, mm
+    #[arg(long, value_name = "MM", default_value_t = 1.0)]
+    blind_mm: f64,
+    /// Radius within which masks keep clear of glass, mm
+    #[arg(long, value_name = "MM", default_value_t = 8.0)]
+    mask_radius_mm: f64,
+    /// How far masks keep from glass, mm
+    #[arg(long, value_name = "MM", default_value_t = 0.5)]
+    clearance_mm: f64,
+    /// Surface behind which the entocentric mask goes, from 0; else where it appears nearest to the principal planes
+    #[arg(long, value_name = "N", requires = "position_mm")]
+    surface: Option<usize>,
+    /// How far behind that surface it goes, mm
+    #[arg(long, value_name = "MM", requires = "surface", allow_negative_numbers = true)]
+    position_mm: Option<f64>,
+    /// Radii of the telecentric and the entocentric mask, mm, instead of the most precise ones
+    #[arg(long, value_name = "MM", num_args = 2)]
+    radii_mm: Option<Vec<f64>>,
+    /// Folder for the instrument, the report and the series behind it
+    #[arg(short, long, value_name = "FOLDER", default_value = "twinpupil-design")]
+    output: PathBuf,
+    /// Print the result as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Everything that is shown.
+struct Designed {
+    design: Design,
+    instrument: Instrument,
+    choices: Vec<Choice>,
+    chosen: Choice,
+    check: Check,
+    light: Light,
+}
+
+/// Runs `twinpupil design`.
+pub fn run(args: &Args, console: &Console) -> Result<()> {
+    let start = Instant::now();
+    let mut files = FolderOutputs::new(&args.output)?;
+    let designed = designed(args, console)?;
+    files.add("instrument.toml", designed.instrument.to_toml().into_bytes());
+    files.add("sweep.csv", text::series(&designed.choices).into_bytes());
+    files.add("report.html", page::page(&designed).into_html().into_bytes());
+    let (names, report) = (files.names(), files.path("report.html"));
+    files.commit()?;
+    let seconds = start.elapsed().as_secs_f64();
+    console.note(format!("{}, the instrument and the series behind it, {seconds:.0} s", report.display()));
+    let text = if args.json { pretty(&Summary::new(&designed, names))? } else { text::tables(&designed) };
+    output::write_stdout(text.as_bytes())
+}
+
+fn designed(args: &Args, console: &Console) -> Result<Designed> {
+    let design = design(wishes(args)?)?;
+    let light = Light { diameter_mm: args.diameter_mm, brightness_e: args.brightness_e };
+    let radii_mm = match args.radii_mm.as_deref() {
+        Some([telecentric, entocentric]) => vec![[*telecentric, *entocentric]],
+        _ => choices(&design)?,
+    };
+    let bar = console.progress(radii_mm.len() as u64, "pupils");
+    let swept = radii_mm.into_iter().map(|radii_mm| {
+        bar.inc(1);
+        sweep(&design, radii_mm, &light, args.blind_mm)
+    });
+    let choices = swept.collect::<Result<Vec<_>>>()?;
+    bar.finish_and_clear();
+    let chosen = best(&choices).context("no dot is wholly on the sensor over the depth range")?;
+    let instrument = design.instrument(&name(args), chosen.radii_mm)?;
+    let check = check(&instrument, &light, chosen.electrons)?;
+    Ok(Designed { design, instrument, choices, chosen, check, light })
+}
+
+/// The camera is called after its lens.
+fn name(args: &Args) -> String {
+    args.lens.file_stem().map_or("camera".to_owned(), |stem| stem.to_string_lossy().into_owned())
+}
+
+fn wishes(args: &Args) -> Result<Wishes> {
+    let lens = PrescriptionLens {
+        focal_length_mm: args.focal_length_mm,
+        prescription: Some(read_with_glasses(&args.lens, &args.agf)?),
+        ..PrescriptionLens::default()
+    };
+    let depth_range = DepthRange {
+        near_mm: args.near_mm.unwrap_or(0.85 * args.distance_mm),
+        far_mm: args.far_mm.unwrap_or(1.18 * args.distance_mm),
+    };
+    if !(depth_range.near_mm < args.distance_mm && args.distance_mm < depth_range.far_mm) {
+        bail!("--distance-mm is {}; legal: between --near-mm and --far-mm", args.distance_mm);
+    }
+    let entocentric = args.surface.zip(args.position_mm).map(|(surface, behind_mm)| MaskPlace { surface, behind_mm });
+    Ok(Wishes {
+        lens,
+        like: LoadedInstrument::load(&args.like)?.instrument,
+        distance_mm: args.distance_mm,
+        depth_range,
+        mask_radius_mm: args.mask_radius_mm,
+        clearance_mm: args.clearance_mm,
+        entocentric,
+    })
+}
+
+/// What `--json` prints.
+#[derive(Debug, Serialize)]
+struct Summary {
+    focal_length_mm: f64,
+    sensor_distance_mm: f64,
+    sensor_behind_last_surface_mm: f64,
+    entocentric_surface: usize,
+    entocentric_position_mm: f64,
+    telecentric_surface: usize,
+    telecentric_position_mm: f64,
+    telecentric_radius_mm: f64,
+    entocentric_radius_mm: f64,
+    electrons: f64,
+    blind_mm: f64,
+    z_std_mm: f64,
+    files: Vec<&'static str>,
+}
+
+impl Summary {
+    fn new(designed: &Designed, files: Vec<&'static str>) -> Self {
+        let Designed { design, chosen, check, instrument, .. } = designed;
+        Self {
+            focal_length_mm: instrument.lens.focal_length_mm(),
+            sensor_distance_mm: design.sensor_distance_mm,
+            sensor_behind_last_surface_mm: text::sensor_behind_mm(design),
+            entocentric_surface: design.entocentric.0.surface,
+            entocentric_position_mm: design.entocentric.0.behind_mm,
+            telecentric_surface: design.telecentric.surface,
+            telecentric_position_mm: design.telecentric.behind_mm,
+            telecentric_radius_mm: chosen.radii_mm[0],
+            entocentric_radius_mm: chosen.radii_mm[1],
+            electrons: chosen.electrons,
+            blind_mm: chosen.blind_mm,
+            z_std_mm: check.z_std_mm,
+            files,
+        }
+    }
+}
