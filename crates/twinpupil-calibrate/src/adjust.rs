@@ -2,6 +2,7 @@
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix4, Matrix6, SMatrix, Vector3, Vector4, Vector6};
 use rayon::prelude::*;
+use twinpupil_instrument::LensTerms;
 
 use crate::forward::{CAMERA_SLOTS, SLOTS, Slots, View, spot};
 use crate::pose::Pose;
@@ -27,6 +28,8 @@ pub(crate) struct BandCamera {
     /// The values of the slots that are the camera's.
     pub(crate) slots: [f64; CAMERA_SLOTS],
     pub(crate) page_from_reference: [[f64; 3]; 3],
+    /// What a real lens adds.
+    pub(crate) lens: LensTerms,
 }
 
 /// The dots of the target, and how well their places are known.
@@ -361,6 +364,7 @@ impl Problem<'_> {
             rotation: *pose.rotation.matrix(),
             pitch_mm: self.pitch_mm,
             page_from_reference: camera.page_from_reference,
+            lens: camera.lens,
         };
         (slots, view)
     }
@@ -587,7 +591,7 @@ mod tests {
         let instrument: Instrument = paper::instrument();
         let unknowns = Choices::default().unknowns(&instrument).unwrap();
         let projections: Vec<Projection> = instrument.bands.iter().map(|band| instrument.projection(band)).collect();
-        let cameras = cameras(&instrument, &projections, 1.0);
+        let cameras = cameras(&instrument, &projections, &[LensTerms::default(); 2], 1.0);
         let position_mm = (0..35).map(|dot| [1.8 * f64::from(dot % 7 - 3), 1.8 * f64::from(dot / 7 - 2)]).collect();
         let dots = Dots { position_mm, diameter_mm: vec![0.9; 35], place_std_mm: None };
         let expected: Vec<f64> = unknowns.iter().map(|unknown| unknown.expected).collect();

@@ -96,7 +96,7 @@ impl AxisFinder<'_> {
         for _ in 0..ROUNDS {
             let reader = self.reader_at(axis_px)?;
             let sighted = self.sight(&reader)?;
-            let cameras = cameras(reader.instrument(), &reader.projections(), 1.0);
+            let cameras = cameras(reader.instrument(), &reader.projections(), &reader.lens_terms(), 1.0);
             equations = equations_of(&sighted, &cameras, self.instrument.sensor.pitch_mm);
             if equations.dots < DOTS_MIN {
                 return Err(AxisError::TooFew { dots: equations.dots });
@@ -308,6 +308,7 @@ fn look(dot: &KnownDot, camera: &BandCamera, pitch_mm: f64) -> (Vector4<f64>, cr
         rotation: rotation.into_inner(),
         pitch_mm,
         page_from_reference: camera.page_from_reference,
+        lens: camera.lens,
     };
     spot(&slots, &view)
 }

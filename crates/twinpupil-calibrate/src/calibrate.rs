@@ -6,7 +6,7 @@ use nalgebra::{DMatrix, Matrix4, Vector4};
 use rayon::prelude::*;
 use thiserror::Error;
 use twinpupil_instrument::check::ValueError;
-use twinpupil_instrument::{Band, Frame, Instrument, PixelPoint, Projection, Role};
+use twinpupil_instrument::{Band, Frame, Instrument, LensTerms, PixelPoint, Projection, Role};
 use twinpupil_reconstruct::{Detection, KnownDot, KnownLight, Polarity, Reconstructor, SpotScore};
 
 use crate::adjust::{Adjusted, BandCamera, Dots, Observation, Problem, State};
@@ -488,7 +488,7 @@ impl Calibrator<'_> {
         round: usize,
     ) -> Result<Comparison, CalibrateError> {
         let reader = (self.reader)(&now.instrument).map_err(CalibrateError::Foreign)?;
-        now.see_through(reader.projections());
+        now.see_through(reader.projections(), reader.lens_terms());
         let now = &*now;
         let problem = now.problem(self, &[], &[], 1.0);
         let one = |(place, one): (usize, &Seen)| -> Result<Compared, Foreign> {
@@ -641,6 +641,8 @@ fn no_frames(faults: &[Fault]) -> CalibrateError {
 pub(crate) struct Now {
     pub(crate) instrument: Instrument,
     pub(crate) projections: Vec<Projection>,
+    /// What the lens adds to them, band by band.
+    pub(crate) lens: Vec<LensTerms>,
     pub(crate) cameras: Vec<BandCamera>,
     pub(crate) dots: Dots,
     /// Of every frame that is used.
@@ -659,7 +661,8 @@ impl Now {
     ) -> Self {
         let instrument = calibrator.instrument.clone();
         let projections = reader.projections();
-        let cameras = cameras(&instrument, &projections, 1.0);
+        let lens = reader.lens_terms();
+        let cameras = cameras(&instrument, &projections, &lens, 1.0);
         let dots = Dots {
             position_mm: calibrator.target.dots().iter().map(|dot| dot.position_mm).collect(),
             diameter_mm: calibrator.target.dots().iter().map(|dot| dot.diameter_mm).collect(),
@@ -673,7 +676,7 @@ impl Now {
         };
         let adjusted =
             Adjusted { state, covariance: DMatrix::zeros(0, 0), pose_covariances: Vec::new(), cost: f64::INFINITY };
-        Self { instrument, projections, cameras, dots, stage, diameter_scale: 1.0, adjusted }
+        Self { instrument, projections, lens, cameras, dots, stage, diameter_scale: 1.0, adjusted }
     }
 
     pub(crate) fn problem<'a>(
@@ -718,19 +721,21 @@ impl Now {
         let mut next = Self {
             instrument,
             projections: Vec::new(),
+            lens: Vec::new(),
             cameras: Vec::new(),
             dots: self.dots.clone(),
             stage: self.stage.clone(),
             diameter_scale,
             adjusted,
         };
-        next.see_through(projections);
+        next.see_through(projections, self.lens.clone());
         Ok(next)
     }
 
     /// Takes the bands' projections from the optics.
-    fn see_through(&mut self, projections: Vec<Projection>) {
-        self.cameras = cameras(&self.instrument, &projections, self.diameter_scale);
+    fn see_through(&mut self, projections: Vec<Projection>, lens: Vec<LensTerms>) {
+        self.cameras = cameras(&self.instrument, &projections, &lens, self.diameter_scale);
+        self.lens = lens;
         self.projections = projections;
     }
 

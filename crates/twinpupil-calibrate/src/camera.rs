@@ -1,13 +1,18 @@
 //! The bands of an instrument as the adjustment sees them.
 
-use twinpupil_instrument::{Instrument, Projection};
+use twinpupil_instrument::{Instrument, LensTerms, Projection};
 
 use crate::adjust::BandCamera;
 use crate::forward::{CAMERA_SLOTS, Slot};
 
-/// The bands of an instrument with these projections; the target's dots are `diameter_scale` times as wide as stated.
-pub(crate) fn cameras(instrument: &Instrument, projections: &[Projection], diameter_scale: f64) -> Vec<BandCamera> {
-    let camera = |(band, projection): (&twinpupil_instrument::Band, &Projection)| {
+/// The bands of an instrument with these projections and what its lens adds to them; the target's dots are `diameter_scale` times as wide as stated.
+pub(crate) fn cameras(
+    instrument: &Instrument,
+    projections: &[Projection],
+    lens: &[LensTerms],
+    diameter_scale: f64,
+) -> Vec<BandCamera> {
+    let camera = |((band, projection), lens): ((&twinpupil_instrument::Band, &Projection), &LensTerms)| {
         let mut slots = [0.0; CAMERA_SLOTS];
         let mut set = |slot: Slot, value: f64| slots[slot as usize] = value;
         let sensor = &instrument.sensor;
@@ -27,9 +32,9 @@ pub(crate) fn cameras(instrument: &Instrument, projections: &[Projection], diame
         set(Slot::P1, band.distortion.p1_per_mm);
         set(Slot::P2, band.distortion.p2_per_mm);
         set(Slot::Diameter, diameter_scale);
-        BandCamera { slots, page_from_reference: band.registration.inverse().rows() }
+        BandCamera { slots, page_from_reference: band.registration.inverse().rows(), lens: *lens }
     };
-    instrument.bands.iter().zip(projections).map(camera).collect()
+    instrument.bands.iter().zip(projections).zip(lens).map(camera).collect()
 }
 
 #[cfg(test)]
@@ -56,7 +61,7 @@ mod tests {
         spec.apertures[1].centre_mm = [0.05, -0.08];
         let instrument = Instrument::new(spec).unwrap();
         let projections: Vec<Projection> = instrument.bands.iter().map(|band| instrument.projection(band)).collect();
-        for (index, camera) in cameras(&instrument, &projections, 1.0).iter().enumerate() {
+        for (index, camera) in cameras(&instrument, &projections, &[LensTerms::default(); 2], 1.0).iter().enumerate() {
             let band = &instrument.bands[index];
             for object_mm in [[3.0, -2.0, 260.0], [-4.0, 1.0, 335.0]] {
                 let mut slots = Slots::zeros();
@@ -68,6 +73,7 @@ mod tests {
                     rotation: Rotation3::new(Vector3::zeros()).into_inner(),
                     pitch_mm: instrument.sensor.pitch_mm,
                     page_from_reference: camera.page_from_reference,
+                    lens: camera.lens,
                 };
                 let (found, _) = spot(&slots, &view);
                 let expected = instrument.page(band).to_page(projections[index].image(object_mm));

@@ -2,6 +2,7 @@
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector4};
 use num_dual::{DualNum, jacobian};
+use twinpupil_instrument::LensTerms;
 
 /// What one dot's image in one band depends on.
 pub(crate) const SLOTS: usize = 21;
@@ -48,6 +49,8 @@ pub(crate) struct View {
     pub(crate) pitch_mm: f64,
     /// From pixels of the reference frame to those of the band's page, row by row.
     pub(crate) page_from_reference: [[f64; 3]; 3],
+    /// What a real lens adds.
+    pub(crate) lens: LensTerms,
 }
 
 /// u and v of a spot's centre on the page of its band, its radius and its blur, px, and their exact derivatives.
@@ -74,13 +77,14 @@ fn image<D: DualNum<f64> + Copy>(slots: &SVector<D, SLOTS>, view: &View) -> SVec
     let pupil = [at(Slot::PupilX), at(Slot::PupilY)];
     let placed = Placed::of(slots, view);
     let [x, y, z] = placed.centre;
+    let z = z + view.lens.farther_mm;
     let behind = d.re() >= 0.0;
     let b = if behind { -(d / f) + 1.0 } else { D::one() };
     let cone = d + b * z;
     let magnification = |l: D| (l * b - d * (-(l / f) + 1.0)) / cone;
     let shift = |l: D| -(l + (-(l / f) + 1.0) * z) / cone;
     let (m, s) = (magnification(l), shift(l));
-    let [px, py] = distorted([m * x + s * pupil[0], m * y + s * pupil[1]], slots);
+    let [px, py] = distorted([m * x + s * pupil[0], m * y + s * pupil[1]], slots, view.lens.cubic_per_mm2);
     // The chief ray from the lens to the plane at L.
     let share = if behind { -(d / l) + 1.0 } else { -(d * (l.recip() - f.recip())) + 1.0 };
     let slope = |p: D, c: D| (p + (c + d / l * p) / share) / l;
@@ -143,11 +147,11 @@ fn turned<D: DualNum<f64> + Copy>(turn: [D; 3], vector: [f64; 3]) -> [D; 3] {
     ]
 }
 
-/// Brown's radial and tangential distortion.
-fn distorted<D: DualNum<f64> + Copy>([x, y]: [D; 2], slots: &SVector<D, SLOTS>) -> [D; 2] {
+/// Brown's radial and tangential distortion; `of_lens` adds to k₁.
+fn distorted<D: DualNum<f64> + Copy>([x, y]: [D; 2], slots: &SVector<D, SLOTS>, of_lens: f64) -> [D; 2] {
     let [k1, k2, p1, p2] = [Slot::K1, Slot::K2, Slot::P1, Slot::P2].map(|slot| slots[slot as usize]);
     let r2 = x * x + y * y;
-    let radial = r2 * (k1 + k2 * r2) + 1.0;
+    let radial = r2 * (k1 + of_lens + k2 * r2) + 1.0;
     [
         x * radial + p1 * x * y * 2.0 + p2 * (r2 + x * x * 2.0), //
         y * radial + p1 * (r2 + y * y * 2.0) + p2 * x * y * 2.0,
@@ -183,6 +187,7 @@ mod tests {
             rotation: nalgebra::Rotation3::new(nalgebra::Vector3::new(0.3, -0.2, 0.1)).into_inner(),
             pitch_mm: 0.00586,
             page_from_reference: [[1.01, 0.02, 3.0], [-0.02, 1.01, -4.0], [1e-6, -2e-6, 1.0]],
+            lens: LensTerms::default(),
         }
     }
 
@@ -217,6 +222,7 @@ mod tests {
             rotation: Matrix3::identity(),
             pitch_mm: 0.01,
             page_from_reference: UNTURNED,
+            lens: LensTerms::default(),
         };
         let (entocentric, _) = spot(&slots, &view);
         slots[Slot::PupilPosition as usize] = 100.0;

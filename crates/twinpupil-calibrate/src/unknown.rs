@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use thiserror::Error;
-use twinpupil_instrument::{DistortionTerm, Instrument, InstrumentSpec, Parameter};
+use twinpupil_instrument::{DistortionTerm, Instrument, InstrumentSpec, Lens, Parameter};
 
 use crate::forward::Slot;
 
@@ -129,11 +129,12 @@ pub fn tolerance(quantity: Quantity, instrument: &Instrument) -> f64 {
 fn feeds(quantity: Quantity, instrument: &Instrument) -> Vec<Feed> {
     let bands = 0..instrument.bands.len();
     let of_all = |slot: Slot| bands.clone().map(|band| Feed { band, slot, factor: 1.0 }).collect();
+    let Quantity::Instrument(parameter) = quantity else { return of_all(Slot::Diameter) };
     let through = |index: usize, slot: Slot| {
         let through = |band: &usize| instrument.pupil_index(&instrument.bands[*band]) == index;
-        bands.clone().filter(through).map(|band| Feed { band, slot, factor: 1.0 }).collect()
+        let factor = |band: usize| imaged(parameter, instrument, band, slot);
+        bands.clone().filter(through).map(|band| Feed { band, slot, factor: factor(band) }).collect()
     };
-    let Quantity::Instrument(parameter) = quantity else { return of_all(Slot::Diameter) };
     match parameter {
         Parameter::SensorDistance => of_all(Slot::SensorDistance),
         Parameter::FocalLength => of_all(Slot::FocalLength),
@@ -145,8 +146,10 @@ fn feeds(quantity: Quantity, instrument: &Instrument) -> Vec<Feed> {
         Parameter::ApertureCentre(index, _) => through(index, Slot::PupilY),
         Parameter::ZoneRadius(index, zone) => {
             let radius_mm = instrument.apertures[index].zones[zone].radius_mm;
-            let is_rim =
-                |feed: &Feed| Some(instrument.projection(&instrument.bands[feed.band]).pupil_radius_mm) == radius_mm;
+            let is_rim = |feed: &Feed| {
+                let rim = instrument.ideal_apertures(&instrument.bands[feed.band])[index].zones[zone].radius_mm;
+                radius_mm.is_some() && Some(instrument.projection(&instrument.bands[feed.band]).pupil_radius_mm) == rim
+            };
             through(index, Slot::PupilRadius).into_iter().filter(is_rim).collect()
         }
         Parameter::Tilt(axis) => {
@@ -166,6 +169,28 @@ fn feeds(quantity: Quantity, instrument: &Instrument) -> Vec<Feed> {
             vec![Feed { band, slot, factor: 1.0 }]
         }
     }
+}
+
+/// How a slot that tells of a band's pupil changes with a number of its mask: as much, unless a lens images the mask.
+fn imaged(parameter: Parameter, instrument: &Instrument, band: usize, slot: Slot) -> f64 {
+    const STEP: f64 = 1e-4;
+    let Lens::Prescription(_) = instrument.lens else { return 1.0 };
+    let of = |instrument: &Instrument| {
+        let projection = instrument.projection(&instrument.bands[band]);
+        match slot {
+            Slot::PupilPosition => projection.pupil_position_mm,
+            Slot::PupilX => projection.pupil_centre_mm[0],
+            Slot::PupilY => projection.pupil_centre_mm[1],
+            _ => projection.pupil_radius_mm,
+        }
+    };
+    let moved = |step: f64| {
+        let mut spec = instrument.clone().into_spec();
+        parameter.set(&mut spec, parameter.value(instrument) + step);
+        Instrument::new(spec).ok()
+    };
+    let change = |step: f64| moved(step).map(|moved| (of(&moved) - of(instrument)) / step);
+    change(STEP).or_else(|| change(-STEP)).unwrap_or(1.0)
 }
 
 #[cfg(test)]

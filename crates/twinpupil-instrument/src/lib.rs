@@ -60,7 +60,7 @@ pub use prescribed::{LensStand, MaskPlace, PrescriptionLens};
 pub use prescription::{Across, Prescription, PrescriptionSpec, SURFACES_MAX, Shape, SurfaceSpec};
 pub use projection::{Chief, Projection, position_from_radii_mm};
 pub use registration::Registration;
-pub use response::{BandResponse, Grid, PointResponse, PointSpread, ResponseTable};
+pub use response::{BandResponse, Grid, LensTerms, PointResponse, PointSpread, ResponseTable};
 pub use sensor::Sensor;
 pub use spectra::{ResponseMatrix, SpectraError, SpectraSpec, SpectralTable};
 pub use thick::MaskImage;

@@ -4,7 +4,7 @@ use std::ops::{Add, Mul};
 
 use serde::{Deserialize, Serialize};
 
-use crate::ImagePoint;
+use crate::{ImagePoint, Projection};
 
 /// Equally spaced nodes.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -185,9 +185,85 @@ impl ResponseTable {
     }
 }
 
+/// The most of what a lens adds to first order in a band, in two numbers.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct LensTerms {
+    /// How much farther away objects seem, mm: by where the band's front principal plane is.
+    pub farther_mm: f64,
+    /// Distortion: an image at p lies farther out by this times p³, 1/mm².
+    pub cubic_per_mm2: f64,
+}
+
+impl ResponseTable {
+    /// The terms that come nearest to what the lens adds to the images of a band, as far as `image_radius_mm` from the axis.
+    ///
+    /// ```text
+    /// a(r, z) = farther m′ r + cubic (m r)³
+    /// ```
+    pub fn lens_terms(&self, band: usize, projection: &Projection, image_radius_mm: f64) -> LensTerms {
+        let (mut normal, mut right, mut steepest) = ([[0.0; 2]; 2], [0.0; 2], 0.0);
+        for (index, node) in self.bands[band].nodes.iter().enumerate() {
+            let (r_mm, z_mm) = (self.r_mm.node(index % self.r_mm.count), self.z_mm.node(index / self.r_mm.count));
+            let chief = projection.chief(z_mm);
+            let p_mm = chief.magnification * r_mm;
+            if p_mm.abs() <= image_radius_mm && node.throughput > 0.0 {
+                let basis = [chief.magnification_slope * r_mm, p_mm.powi(3)];
+                steepest += (p_mm / z_mm).powi(2);
+                for (row, own) in basis.iter().enumerate() {
+                    right[row] += own * node.aberration_mm;
+                    basis.iter().zip(&mut normal[row]).for_each(|(other, sum)| *sum += own * other);
+                }
+            }
+        }
+        let [[a, b], [_, d]] = normal;
+        let determinant = a * d - b * b;
+        // Where images hardly depend on the distance, only the distortion is left.
+        if a > 0.01 * steepest && determinant > 1e-6 * a * d {
+            return LensTerms {
+                farther_mm: (right[0] * d - b * right[1]) / determinant,
+                cubic_per_mm2: (a * right[1] - b * right[0]) / determinant,
+            };
+        }
+        LensTerms { farther_mm: 0.0, cubic_per_mm2: if d > 0.0 { right[1] / d } else { 0.0 } }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_shift_and_a_distortion_are_told_apart() {
+        let projection = Projection {
+            focal_length_mm: 100.0,
+            sensor_distance_mm: 151.0,
+            pupil_position_mm: 0.0,
+            pupil_centre_mm: [0.0; 2],
+            pupil_radius_mm: 1.0,
+        };
+        let (r_mm, z_mm) = (Grid::spanning(0.0, 8.0, 33), Grid::spanning(250.0, 350.0, 11));
+        let node = |n: usize| {
+            let (r, z) = (r_mm.node(n % 33), z_mm.node(n / 33));
+            let chief = projection.chief(z);
+            let aberration_mm = 0.4 * chief.magnification_slope * r - 2e-5 * (chief.magnification * r).powi(3);
+            PointResponse {
+                throughput: 1.0,
+                radial_deviation_mm: aberration_mm,
+                aberration_mm,
+                spread: PointSpread::default(),
+            }
+        };
+        let band = BandResponse {
+            band: "a".to_owned(),
+            focal_length_mm: 100.0,
+            nodes: (0..33 * 11).map(node).collect(),
+            ground: vec![1.0; 2],
+            ground_centre_mm: [0.0; 2],
+        };
+        let table = ResponseTable { r_mm, z_mm, image_radius_mm: Grid::spanning(0.0, 2.0, 2), bands: vec![band] };
+        let terms = table.lens_terms(0, &projection, 3.0);
+        assert!((terms.farther_mm - 0.4).abs() < 1e-9 && (terms.cubic_per_mm2 + 2e-5).abs() < 1e-12, "{terms:?}");
+    }
 
     #[test]
     fn a_bilinear_function_is_interpolated_exactly() {

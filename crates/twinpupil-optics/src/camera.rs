@@ -194,6 +194,11 @@ impl BandOptics {
         self.masks.point_image(object_mm)
     }
 
+    /// Whether all masks stand on the axis.
+    pub fn is_centred(&self) -> bool {
+        self.masks.stops.iter().all(|stop| stop.centre_mm == [0.0; 2])
+    }
+
     /// Image point whose rays through the middle of the pupil meet the middle of the mask that shades the ground about it,
     /// mm: that of the axis unless masks are off it. To first order.
     pub fn shade_centre_mm(&self) -> [f64; 2] {

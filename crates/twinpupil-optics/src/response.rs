@@ -15,7 +15,8 @@ const MARGIN: f64 = 0.05;
 /// the light of an evenly bright ground at the nodes of `image_radius_mm`.
 ///
 /// The displacement is that of the image's centroid from `Instrument::projection`, along the radius, zero where no
-/// light arrives. Object points lie along +x: with apertures off the axis the table holds for that azimuth only.
+/// light arrives. Object points lie along +x: with apertures off the axis throughput and displacement hold for that azimuth
+/// only, and what the lens itself adds is the mean of both sides of the axis.
 pub fn response_table(camera: &Camera, r_mm: Grid, z_mm: Grid, image_radius_mm: Grid) -> ResponseTable {
     let node = |optics: &BandOptics, index: usize| {
         response(optics, r_mm.node(index % r_mm.count), z_mm.node(index / r_mm.count))
@@ -87,12 +88,18 @@ fn response(optics: &BandOptics, r_mm: f64, z_mm: f64) -> PointResponse {
     let image = optics.point_image(object_mm);
     let first_order = optics.projection().image(object_mm);
     let lit = image.throughput > 0.0;
+    let ideal_mm = |object_mm: [f64; 3]| optics.ideal_point_image(object_mm).centroid.x_mm;
     // Signed along +x, so that the table stays smooth where a centroid crosses the axis.
     let beyond = |reference_mm: f64| if lit { image.centroid.x_mm - reference_mm } else { 0.0 };
-    PointResponse {
-        throughput: image.throughput,
-        radial_deviation_mm: beyond(first_order.x_mm),
-        aberration_mm: beyond(optics.ideal_point_image(object_mm).centroid.x_mm),
-        spread: image.spread,
-    }
+    let own = (beyond(ideal_mm(object_mm)), image.spread);
+    let (aberration_mm, spread) = if optics.is_centred() {
+        own
+    } else {
+        // What masks off the axis add to one side of it they take from the other.
+        let object_mm = [-r_mm, 0.0, z_mm];
+        let other = optics.point_image(object_mm);
+        let outwards_mm = if other.throughput > 0.0 { ideal_mm(object_mm) - other.centroid.x_mm } else { own.0 };
+        (0.5 * (own.0 + outwards_mm), (own.1 + other.spread) * 0.5)
+    };
+    PointResponse { throughput: image.throughput, radial_deviation_mm: beyond(first_order.x_mm), aberration_mm, spread }
 }

@@ -6,8 +6,8 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use smallvec::SmallVec;
 use thiserror::Error;
 use twinpupil_instrument::{
-    Band, Frame, FrameError, FrameView, Instrument, PixelPoint, PlaneView, Projection, ResponseMatrix, ResponseTable,
-    Role,
+    Band, Frame, FrameError, FrameView, Instrument, LensTerms, PixelPoint, PlaneView, Projection, ResponseMatrix,
+    ResponseTable, Role,
 };
 
 use crate::background::Polarity;
@@ -287,6 +287,19 @@ impl Reconstructor {
         let reconstruction = done.map(|()| self.account(&reading.detections, &reading.placing));
         self.spares().push(reading);
         reconstruction
+    }
+
+    /// What the lens adds to the projections of all bands, in the order of the instrument's: nothing without a table.
+    pub fn lens_terms(&self) -> Vec<LensTerms> {
+        let (instrument, projections) = (self.instrument(), self.projections());
+        let radius_mm = instrument.corner_radius_mm();
+        let mut terms = vec![LensTerms::default(); projections.len()];
+        for band in 0..self.model.bands() {
+            if let Some((table, index)) = self.model.table(band) {
+                terms[index] = table.lens_terms(index, &projections[index], radius_mm);
+            }
+        }
+        terms
     }
 
     /// The projections of all bands in the order of the instrument's, with the focal lengths of its response.
