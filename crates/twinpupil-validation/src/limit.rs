@@ -84,6 +84,8 @@ pub struct Score {
     pub whole: usize,
     /// Their errors of z, mm, with the deviation that was reported and the bound; those that were not found are missing.
     pub found: Vec<Error>,
+    /// Where those are that were not found, mm.
+    pub missing_mm: Vec<[f64; 3]>,
     /// Points that belong to no dot.
     pub false_points: usize,
     /// Features that became no point, by their reason.
@@ -163,6 +165,9 @@ impl Score {
             score.whole += 1;
             let point =
                 nearest_of_all(&points, dot.centre_mm).filter(|point| terms.is_near(point.position_mm, dot.centre_mm));
+            if point.is_none() {
+                score.missing_mm.push(dot.centre_mm);
+            }
             score.found.extend(point.map(|point| Error {
                 error_mm: point.position_mm[2] - dot.centre_mm[2],
                 std_mm: point.std_mm[2],
@@ -192,6 +197,7 @@ impl Score {
     pub fn merge(&mut self, other: Self) {
         self.whole += other.whole;
         self.found.extend(other.found);
+        self.missing_mm.extend(other.missing_mm);
         self.false_points += other.false_points;
         for (reason, count) in other.rejected {
             *self.rejected.entry(reason).or_default() += count;

@@ -83,11 +83,12 @@ pub(crate) struct BandLight {
     background_step: f64,
 }
 
-/// Centre of a spot as its own band alone measures it.
+/// Centre and size of a spot as its own band alone measures them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct OwnCentre {
     pub(crate) centre: PixelPoint,
     pub(crate) std_px: [f64; 2],
+    pub(crate) radius_px: f64,
     /// How much better the band's own centre and size explain its pixels than those of the dot do.
     pub(crate) chi2: f64,
 }
@@ -129,6 +130,7 @@ impl BandLight {
         Some(OwnCentre {
             centre: PixelPoint { u: u + step.x, v: v + step.y },
             std_px: [covariance[(0, 0)].max(0.0).sqrt(), covariance[(1, 1)].max(0.0).sqrt()],
+            radius_px: self.spot.radius_px + step.z,
             chi2: left.dot(&(information * left)).max(0.0),
         })
     }

@@ -272,15 +272,20 @@ fn renew_surface(bodies: &[Body], slopes: &mut Slopes, chi2s: &mut Vec<f64>) {
     slopes.renew(placed.map(|body| (body.dot.centre_mm, is_settled(body))));
 }
 
-/// Gives placed dots the slopes of the surface.
-fn set_slopes(bodies: &mut [Body], slopes: &Slopes, is_asked: impl Fn(&Body) -> bool) {
-    for (index, body) in bodies.iter_mut().filter(|body| body.tells_depth()).enumerate() {
-        if body.alive
-            && is_asked(body)
-            && let Some(slopes) = slopes.at_known(index)
-        {
-            lean(body, slopes);
+/// Gives dots the slopes of the surface: those that are placed lie on it, and the others probably do.
+fn set_slopes(bodies: &mut [Body], slopes: &mut Slopes, is_asked: impl Fn(&Body) -> bool) {
+    let mut placed = 0;
+    for body in bodies {
+        let known = body.tells_depth().then_some(placed);
+        placed += usize::from(body.tells_depth());
+        if !body.alive || !is_asked(body) {
+            continue;
         }
+        let found = match known {
+            Some(index) => slopes.at_known(index),
+            None => slopes.at(body.dot.centre_mm),
+        };
+        found.into_iter().for_each(|slopes| lean(body, slopes));
     }
 }
 

@@ -1,5 +1,6 @@
 //! The whole way from a frame to points, as in Section 3 of the paper: planes, features, pairs, positions.
 
+mod late;
 mod seeds;
 
 use std::f64::consts::PI;
@@ -12,6 +13,7 @@ use twinpupil_instrument::{
     Role,
 };
 
+use self::late::Lone;
 use crate::calibrated::Calibrated;
 use crate::detect::{DetectOptions, Detection, Detector, Estimator, Feature};
 use crate::further::{FurtherImage, Group, match_predicted};
@@ -201,6 +203,8 @@ struct Reading {
 #[derive(Debug, Clone, Default)]
 struct Fitting {
     seeds: Vec<Seed>,
+    /// Features among them that are part of no point.
+    lone: Vec<Lone>,
     workspace: Workspace,
     refined: Vec<Option<Refined>>,
     values: Vec<f64>,
@@ -361,27 +365,30 @@ impl Reconstructor {
     fn refine(
         &self,
         planes: &[(PlaneView<'_>, Noise)],
-        detections: &[Detection],
+        detections: &mut [Detection],
         placing: &mut Placing,
         fitting: &mut Fitting,
     ) {
         let background: SmallVec<[f64; 2]> = (detections.iter().zip(planes))
             .map(|(detection, (_, noise))| detection.background_codes - noise.black_level)
             .collect();
-        self.collect_seeds(detections, placing, fitting);
-        let Fitting { seeds, workspace, refined, is_other, .. } = fitting;
-        self.forward.refine(planes, seeds, &background, workspace, refined);
+        self.fit(planes, detections, &background, placing, fitting);
+        if self.pair_late(detections, placing, fitting) {
+            self.fit(planes, detections, &background, placing, fitting);
+        }
+        let Fitting { refined, is_other, .. } = fitting;
         let mut refined = refined.iter_mut();
         is_other.clear();
         is_other.resize(placing.points.len(), false);
-        for (place, is_other) in placing.points.iter_mut().zip(&mut *is_other) {
+        let places = placing.points.iter_mut().zip(&placing.groups);
+        for ((place, group), is_other) in places.zip(&mut *is_other) {
             let Some(placed) = place else { continue };
             let is_saturated = placed.is_saturated();
             let disc = refined.next().and_then(Option::take).filter(|refined| refined.is_disc(is_saturated));
             match disc {
                 Some(refined) if !is_saturated || refined.tells_depth() => self.place(placed, &refined),
-                // Moments would believe what the largest code hides.
-                _ if is_saturated => *place = None,
+                // Moments would believe what the largest code hides, and pairs that nothing but a fit has shown.
+                _ if is_saturated || group.is_late => *place = None,
                 _ => *is_other = true,
             }
         }
@@ -390,6 +397,20 @@ impl Reconstructor {
                 (0..planes.len()).map(|band| self.with_moments(band, &planes[band], &detections[band])).collect();
             self.place_by_moments(&detections, &placing.groups, &mut placing.points, is_other);
         }
+    }
+
+    /// Finds the most likely dots behind all features.
+    fn fit(
+        &self,
+        planes: &[(PlaneView<'_>, Noise)],
+        detections: &[Detection],
+        background: &[f64],
+        placing: &Placing,
+        fitting: &mut Fitting,
+    ) {
+        self.collect_seeds(detections, placing, fitting);
+        let Fitting { seeds, workspace, refined, .. } = fitting;
+        self.forward.refine(planes, seeds, background, workspace, refined);
     }
 
     /// Features that were found before, with the centres of all their light.

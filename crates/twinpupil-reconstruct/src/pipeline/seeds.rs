@@ -5,13 +5,14 @@ use std::f64::consts::PI;
 use smallvec::SmallVec;
 use twinpupil_instrument::PixelPoint;
 
+use super::late::Lone;
 use super::{Fitting, Placed, Placing, Reconstructor};
 use crate::background::Polarity;
 use crate::detect::{Detection, Feature};
 use crate::likelihood::prior::{Expected, Prior};
 use crate::likelihood::refine::{Seed, Sketch};
 use crate::quantile::median;
-use crate::rejection::RejectionReason;
+use crate::rejection::{Bystander, RejectionReason};
 
 /// What fills this share of a frame is no dot whose skirts could matter.
 const WIDEST_SHARE: f64 = 0.5;
@@ -25,6 +26,17 @@ const LEAST_SPREAD: f64 = 0.05;
 /// The standard deviation of numbers over the median of their distances from their own median, if their law is normal.
 const STD_PER_DISTANCE: f64 = 1.4826;
 
+/// Why light is none of a point's.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Source {
+    /// The detection's feature of this index has no partner.
+    Alone(usize),
+    /// The border cuts it.
+    Cut,
+    /// It could not be measured.
+    Flawed,
+}
+
 impl Reconstructor {
     /// Collects all that the light of a frame comes from.
     pub(super) fn collect_seeds(&self, detections: &[Detection], placing: &Placing, fitting: &mut Fitting) {
@@ -35,7 +47,8 @@ impl Reconstructor {
 
     /// Adds the features of one band that became no point, as dots somewhere along the line of sight.
     fn add_lone_seeds(&self, detections: &[Detection], placing: &Placing, fitting: &mut Fitting) {
-        let Fitting { seeds, values, is_shown, .. } = fitting;
+        let Fitting { seeds, lone, values, is_shown, .. } = fitting;
+        lone.clear();
         let points = || placing.points.iter().flatten();
         let z_mm = middle(values, points().map(|placed| placed.point.position_mm[2]));
         let z_mm = Expected { value: z_mm.unwrap_or(self.instrument.focus_distance_mm()), std: Z_STD_MM };
@@ -47,13 +60,14 @@ impl Reconstructor {
             for (group, _) in placing.groups.iter().zip(&placing.points).filter(|(_, point)| point.is_some()) {
                 group.feature(band).into_iter().for_each(|index| is_shown[index] = true);
             }
-            let shown = detection.features.iter().zip(&*is_shown);
-            let alone = shown.filter(|(_, shown)| !**shown).map(|(feature, _)| (*feature, false));
-            let bystanders = detection.rejected.iter();
-            let bystanders =
-                bystanders.map(|bystander| (bystander.feature, bystander.reason == RejectionReason::CutByBorder));
-            for (feature, is_cut) in alone.chain(bystanders) {
-                let typical = diameter_mm.zip(height_codes).filter(|_| is_cut);
+            let shown = detection.features.iter().zip(&*is_shown).enumerate();
+            let alone = shown.filter(|(_, (_, shown))| !**shown);
+            let alone = alone.map(|(index, (feature, _))| (*feature, Source::Alone(index)));
+            let bystanders = detection.rejected.iter().map(|Bystander { feature, reason }| {
+                (*feature, if *reason == RejectionReason::CutByBorder { Source::Cut } else { Source::Flawed })
+            });
+            for (feature, source) in alone.chain(bystanders) {
+                let typical = diameter_mm.zip(height_codes).filter(|_| source == Source::Cut);
                 let feature = match typical {
                     Some((diameter_mm, height_codes)) => {
                         self.completed(band, feature, diameter_mm.value, height_codes.value, z_mm.value)
@@ -66,7 +80,11 @@ impl Reconstructor {
                     diameter_mm: typical.map(|(diameter_mm, _)| diameter_mm),
                     contrast: typical.map(|(_, height)| Expected { value: sign * height.value, std: height.std }),
                 };
-                seeds.extend(self.lone_seed(band, &feature, detections, prior));
+                let Some(seed) = self.lone_seed(band, &feature, detections, prior) else { continue };
+                if let Source::Alone(feature) = source {
+                    lone.push(Lone { band, feature, seed: seeds.len() });
+                }
+                seeds.push(seed);
             }
         }
     }

@@ -71,5 +71,8 @@ fn row(seed: u64, stranger: &Stranger, score: &Score) -> String {
             off.pixel_chi2
         );
     }
+    for [x_mm, y_mm, z_mm] in &score.missing_mm {
+        row += &format!("        ({x_mm:.2}, {y_mm:.2}, {z_mm:.2}) was not found\n");
+    }
     row
 }
