@@ -8,4 +8,5 @@ mod damaged;
 mod limit;
 mod published;
 mod real_disks;
+mod real_lens;
 mod scenes;

@@ -7,3 +7,4 @@ mod commands;
 mod experiments;
 mod golden;
 mod program;
+mod real_lens;
