@@ -66,18 +66,25 @@ fn a_lens_file_becomes_a_camera_that_measures_depth() {
     );
     workplace
         .succeed("simulate --instrument built.toml --scene plate.toml --samples 64 -o plate.png --truth truth.csv -q");
-    workplace.succeed("reconstruct --instrument calibrated.toml plate.png -o points.csv -q");
-    let [truth, points] = ["truth.csv", "points.csv"].map(|name| {
-        let table = workplace.read(name);
-        ["x_mm", "y_mm", "z_mm"].map(|axis| column(&table, axis))
-    });
+    let rms_mm = |instrument: &str| {
+        workplace.succeed(&format!("reconstruct --instrument {instrument} plate.png -o points.csv -q"));
+        rms_of_z_mm(&workplace.read("truth.csv"), &workplace.read("points.csv"))
+    };
+    let [own_mm, calibrated_mm, sheet_mm] = ["built.toml", "calibrated.toml", "camera/instrument.toml"].map(rms_mm);
+    // So few pixels and frames tell the scale of depth to a tenth of a millimetre.
+    assert!(own_mm < 0.03 && calibrated_mm < 0.2 && sheet_mm > 0.5, "{own_mm} {calibrated_mm} {sheet_mm} mm");
+}
+
+/// Root mean square error of z over the points that belong to a dot, most of all dots.
+fn rms_of_z_mm(truth: &str, points: &str) -> f64 {
+    let [truth, points] = [truth, points].map(|table| ["x_mm", "y_mm", "z_mm"].map(|axis| column(table, axis)));
     let errors_mm: Vec<f64> = (0..points[0].len())
         .filter_map(|n| {
             let beside = |m: &usize| (truth[0][*m] - points[0][n]).hypot(truth[1][*m] - points[1][n]);
             let nearest = (0..truth[0].len()).min_by(|a, b| beside(a).total_cmp(&beside(b)))?;
-            (beside(&nearest) < 0.3).then(|| points[2][n] - truth[2][nearest])
+            (beside(&nearest) < 0.5).then(|| points[2][n] - truth[2][nearest])
         })
         .collect();
-    let rms_mm = (errors_mm.iter().map(|mm| mm * mm).sum::<f64>() / errors_mm.len() as f64).sqrt();
-    assert!(errors_mm.len() >= 35 && rms_mm < 0.05, "{rms_mm} mm over {} dots", errors_mm.len());
+    assert!(10 * errors_mm.len() >= 9 * truth[0].len(), "{} points", errors_mm.len());
+    (errors_mm.iter().map(|mm| mm * mm).sum::<f64>() / errors_mm.len() as f64).sqrt()
 }
