@@ -408,13 +408,14 @@ impl Problem<'_> {
     }
 }
 
-/// How far the forward model's images may be from those of the real masks: u, v, radius and blur, px. The light across an
-/// edge is modelled to some ten-thousandths of a pixel, alike for all dots of a frame, so that many dots make it no better:
-/// radius and blur count for less than their noise would have them.
-const MODEL_STD_PX: [f64; 4] = [2e-4, 2e-4, 8e-3, 1.5e-2];
+/// How far the forward model's images may be from those of the real masks: u, v, radius and blur, px, as frames without
+/// noise show it. Centres are off at random; radius and blur alike for all dots of a frame, by up to 2e-4 px and 4e-5 of the
+/// blur, which many dots make no better: theirs are larger by the square root of the dots that share them.
+const MODEL_STD_PX: [f64; 4] = [3e-4, 3e-4, 1e-3, 1.5e-3];
+const BLUR_SHARE: f64 = 6e-4;
 
 /// The same where the masks cut the light, near the axis.
-const CUT_STD_PX: [f64; 4] = [2.5e-3, 2.5e-3, 2.5e-2, 2.5e-2];
+const CUT_STD_PX: [f64; 4] = [1e-3, 1e-3, 2e-3, 5e-3];
 
 impl Observation {
     /// What an image is given for: frame, band and dot.
@@ -434,6 +435,7 @@ impl Observation {
     pub(crate) fn with_model_error(self, is_cut: bool) -> Option<Self> {
         const LEAST: f64 = -1e-6;
         let std_px = if is_cut { CUT_STD_PX } else { MODEL_STD_PX };
+        let std_px = [std_px[0], std_px[1], std_px[2], std_px[3].hypot(BLUR_SHARE * self.anchor.w)];
         let eigenvalues = self.information.symmetric_eigenvalues();
         let is_information = eigenvalues.max() > 0.0 && eigenvalues.min() > LEAST * eigenvalues.max();
         let model = Matrix4::from_diagonal(&Vector4::from(std_px.map(|std| std.powi(-2))));
