@@ -98,15 +98,14 @@ fn compared(now: &Now, seen: &Seen<'_>, place: usize, scores: &[Vec<Option<SpotS
     let problem = now.problem(&[], &[], 1.0);
     let state = &now.adjusted.state;
     let mut comparison = Comparison::default();
-    for band in 0..seen.sighting.len() {
-        for (dot, _) in seen.dots(band) {
-            let Some(score) = scores[dot][band] else { continue };
-            let anchor = problem.image(band, dot, &now.cameras, state, &state.poses[place]);
-            let observation = Observation::new((place, band, dot), anchor, score.score, score.information);
-            if let Some(observation) = observation.with_model_error(score.is_cut) {
-                comparison.observations.push(observation);
-                comparison.fitness.push(Fitness { chi2: score.chi2, used_px: score.used_px });
-            }
+    let shown = |band: usize| seen.dots(band).map(move |(dot, _)| (band, dot));
+    for (band, dot) in (0..seen.sighting.len()).flat_map(shown) {
+        let Some(score) = scores[dot][band] else { continue };
+        let anchor = problem.image(band, dot, &now.cameras, state, &state.poses[place]);
+        let observation = Observation::new((place, band, dot), anchor, score.score, score.information);
+        if let Some(observation) = observation.with_model_error(score.is_cut) {
+            comparison.observations.push(observation);
+            comparison.fitness.push(Fitness { chi2: score.chi2, used_px: score.used_px });
         }
     }
     let light = |score: &Option<SpotScore>| score.map(|score| score.light);
