@@ -11,12 +11,19 @@ pub(crate) struct Group {
     pub(crate) pair: Match,
     /// Index of a feature in every band after the pair, where one was found.
     pub(crate) further: Vec<Option<usize>>,
+    /// Whether it was found only by what the fit told of its features.
+    pub(crate) is_late: bool,
 }
 
 impl Group {
     /// A pair alone.
     pub(crate) fn of(pair: Match) -> Self {
-        Self { pair, further: Vec::new() }
+        Self { pair, further: Vec::new(), is_late: false }
+    }
+
+    /// A pair alone that the fit has shown.
+    pub(crate) fn late(pair: Match) -> Self {
+        Self { is_late: true, ..Self::of(pair) }
     }
 
     /// Index of the feature of a band, in the model's order of bands.

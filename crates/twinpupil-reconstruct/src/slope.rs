@@ -67,9 +67,10 @@ impl Slopes {
 
     /// Slopes dz/dx and dz/dy at a place; `None` where the nearest points do not lie on a plane.
     pub(crate) fn at(&mut self, place_mm: [f64; 3]) -> Option<[f64; 2]> {
-        let Self { points_mm, cells, near, .. } = self;
+        let Self { points_mm, is_sure, cells, near, .. } = self;
         find_nearest(points_mm, cells, place_mm, near);
-        slopes_of(near.iter().map(|(_, index)| points_mm[*index as usize]), place_mm)
+        let sure = near.iter().map(|(_, index)| *index as usize).filter(|index| is_sure[*index]);
+        slopes_of(sure.map(|index| points_mm[index]), place_mm)
     }
 
     /// The same at a point that is known.

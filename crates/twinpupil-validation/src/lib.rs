@@ -8,3 +8,4 @@ pub mod plates;
 pub mod rig;
 pub mod rings;
 pub mod scenes;
+pub mod strangers;

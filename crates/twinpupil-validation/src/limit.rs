@@ -7,8 +7,8 @@ use twinpupil_instrument::{Instrument, Lens, Mosaic, Registration, paper};
 use twinpupil_reconstruct::{FitPoint, LineAxis, Mode, Reconstruction, fit_line};
 use twinpupil_simulate::{Scene, SceneSpec, dot_bounds};
 
-use crate::plates::{Pose, is_near, rms};
-use crate::rig::{Rig, nearest};
+use crate::plates::{FALSE_MM, Pose, rms};
+use crate::rig::{Rig, nearest_of_all};
 
 /// Rays for every pixel of the frames and of their bounds.
 const PUPIL_SAMPLES: usize = 256;
@@ -84,6 +84,8 @@ pub struct Score {
     pub whole: usize,
     /// Their errors of z, mm, with the deviation that was reported and the bound; those that were not found are missing.
     pub found: Vec<Error>,
+    /// Where those are that were not found, mm.
+    pub missing_mm: Vec<[f64; 3]>,
     /// Points that belong to no dot.
     pub false_points: usize,
     /// Features that became no point, by their reason.
@@ -111,13 +113,43 @@ pub struct Error {
     pub pixel_chi2: f64,
 }
 
+/// Which dots count, and which points may be theirs.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Terms {
+    /// Dots nearer to the axis do not count, mm.
+    pub r_min_mm: f64,
+    /// How far from a dot its point may lie, across the axis and in depth, mm.
+    pub reach_mm: [f64; 2],
+}
+
+impl Default for Terms {
+    /// Those of the paper's plate.
+    fn default() -> Self {
+        Self { r_min_mm: 2.0, reach_mm: FALSE_MM }
+    }
+}
+
+impl Terms {
+    fn is_near(&self, position_mm: [f64; 3], centre_mm: [f64; 3]) -> bool {
+        let [dx, dy, dz] = [0, 1, 2].map(|axis| position_mm[axis] - centre_mm[axis]);
+        dx.hypot(dy) < self.reach_mm[0] && dz.abs() < self.reach_mm[1]
+    }
+}
+
 impl Score {
-    /// Scores one frame of a scene: its noise from `seed`.
+    /// Scores one frame of the paper's plate, or of dots like its own: its noise from `seed`.
     ///
     /// # Panics
     /// If the scene cannot be simulated.
     pub fn of(rig: &Rig, scene: &Scene, seed: u64) -> Self {
-        const R_MIN_MM: f64 = 2.0;
+        Self::on(Terms::default(), rig, scene, seed)
+    }
+
+    /// Scores one frame of a scene on these terms: its noise from `seed`.
+    ///
+    /// # Panics
+    /// If the scene cannot be simulated.
+    pub fn on(terms: Terms, rig: &Rig, scene: &Scene, seed: u64) -> Self {
         let bounds = dot_bounds(&rig.instrument, scene, &rig.response, PUPIL_SAMPLES).expect("the scene can be seen");
         let frame = rig.frame(scene, Some(seed));
         let start = Instant::now();
@@ -127,9 +159,15 @@ impl Score {
             *score.rejected.entry(rejection.reason.name()).or_default() += 1;
         }
         for (dot, bound) in scene.dots().iter().zip(&bounds) {
-            let Some(bound) = bound.filter(|_| dot.centre_mm[0].hypot(dot.centre_mm[1]) >= R_MIN_MM) else { continue };
+            let Some(bound) = bound.filter(|_| dot.centre_mm[0].hypot(dot.centre_mm[1]) >= terms.r_min_mm) else {
+                continue;
+            };
             score.whole += 1;
-            let point = nearest(&points, dot.centre_mm).filter(|point| is_near(point.position_mm, dot.centre_mm));
+            let point =
+                nearest_of_all(&points, dot.centre_mm).filter(|point| terms.is_near(point.position_mm, dot.centre_mm));
+            if point.is_none() {
+                score.missing_mm.push(dot.centre_mm);
+            }
             score.found.extend(point.map(|point| Error {
                 error_mm: point.position_mm[2] - dot.centre_mm[2],
                 std_mm: point.std_mm[2],
@@ -141,7 +179,7 @@ impl Score {
         score.pulls.push(score.error_over_std());
         score.false_points = points
             .iter()
-            .filter(|point| !scene.dots().iter().any(|dot| is_near(point.position_mm, dot.centre_mm)))
+            .filter(|point| !scene.dots().iter().any(|dot| terms.is_near(point.position_mm, dot.centre_mm)))
             .count();
         if let Some(plate) = scene.spec().plate.as_ref().filter(|plate| plate.tilt_deg != 0.0) {
             let points: Vec<FitPoint> = points
@@ -159,6 +197,7 @@ impl Score {
     pub fn merge(&mut self, other: Self) {
         self.whole += other.whole;
         self.found.extend(other.found);
+        self.missing_mm.extend(other.missing_mm);
         self.false_points += other.false_points;
         for (reason, count) in other.rejected {
             *self.rejected.entry(reason).or_default() += count;

@@ -41,7 +41,7 @@ impl Pose {
 }
 
 /// Points farther from every dot than this, across the axis in mm or in depth in mm, are false.
-const FALSE_MM: [f64; 2] = [0.3, 5.0];
+pub(crate) const FALSE_MM: [f64; 2] = [0.3, 5.0];
 
 /// Dots nearer to the axis than this are clipped by both masks, mm.
 const UNCLIPPED_RADIUS_MM: f64 = 3.0;

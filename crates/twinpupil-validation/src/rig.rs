@@ -145,8 +145,17 @@ pub fn dots(centres_mm: &[[f64; 3]]) -> Scene {
 }
 
 /// The point nearest to a position across the axis, if one is within 0.3 mm.
-pub fn nearest(points: &[Point], [x_mm, y_mm, _]: [f64; 3]) -> Option<&Point> {
+pub fn nearest(points: &[Point], centre_mm: [f64; 3]) -> Option<&Point> {
     const REACH_MM: f64 = 0.3;
-    let distance_mm = |point: &&Point| (point.position_mm[0] - x_mm).hypot(point.position_mm[1] - y_mm);
-    points.iter().min_by(|a, b| distance_mm(a).total_cmp(&distance_mm(b))).filter(|point| distance_mm(point) < REACH_MM)
+    nearest_of_all(points, centre_mm).filter(|point| distance_mm(point, centre_mm) < REACH_MM)
+}
+
+/// The point nearest to a position across the axis.
+pub(crate) fn nearest_of_all(points: &[Point], centre_mm: [f64; 3]) -> Option<&Point> {
+    points.iter().min_by(|a, b| distance_mm(a, centre_mm).total_cmp(&distance_mm(b, centre_mm)))
+}
+
+/// How far a point lies from a position across the axis.
+fn distance_mm(point: &Point, [x_mm, y_mm, _]: [f64; 3]) -> f64 {
+    (point.position_mm[0] - x_mm).hypot(point.position_mm[1] - y_mm)
 }

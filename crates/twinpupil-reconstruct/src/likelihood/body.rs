@@ -9,6 +9,7 @@ use twinpupil_instrument::PixelPoint;
 use crate::likelihood::illumination::shift_px;
 use crate::likelihood::normal::{Normal, Shape};
 use crate::likelihood::pencil::length;
+use crate::likelihood::prior::{Expected, Prior};
 use crate::likelihood::refine::Sketch;
 use crate::likelihood::samples::{Share, Window};
 use crate::likelihood::spot::{Dot, Spot, SpotJacobian};
@@ -19,8 +20,8 @@ pub(crate) struct Body {
     pub(crate) dot: Dot,
     /// In the order of the bands; `None` where the band does not show it.
     pub(crate) bands: SmallVec<[Option<BandLight>; 2]>,
-    /// Standard deviation of what is known of z beforehand, mm, if the bands alone do not tell it.
-    pub(crate) z_prior_mm: Option<(f64, f64)>,
+    /// What is known of it beforehand, if the bands alone do not tell its depth.
+    pub(crate) prior: Option<Prior>,
     /// The step that the last equations ask for, in x, y, z and diameter, mm.
     step: Vector4<f64>,
     /// What the last equations tell of them, and its factor.
@@ -82,11 +83,12 @@ pub(crate) struct BandLight {
     background_step: f64,
 }
 
-/// Centre of a spot as its own band alone measures it.
+/// Centre and size of a spot as its own band alone measures them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct OwnCentre {
     pub(crate) centre: PixelPoint,
     pub(crate) std_px: [f64; 2],
+    pub(crate) radius_px: f64,
     /// How much better the band's own centre and size explain its pixels than those of the dot do.
     pub(crate) chi2: f64,
 }
@@ -128,6 +130,7 @@ impl BandLight {
         Some(OwnCentre {
             centre: PixelPoint { u: u + step.x, v: v + step.y },
             std_px: [covariance[(0, 0)].max(0.0).sqrt(), covariance[(1, 1)].max(0.0).sqrt()],
+            radius_px: self.spot.radius_px + step.z,
             chi2: left.dot(&(information * left)).max(0.0),
         })
     }
@@ -162,13 +165,6 @@ impl BandLight {
     }
 }
 
-/// What is known of a number beforehand.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Expected {
-    pub(crate) value: f64,
-    pub(crate) std: f64,
-}
-
 /// How well the contrast of a saturated dot is guessed, relative: it is held near the guess until its place is known.
 const GUESS_STD: [f64; 2] = [1e-4, 1.0];
 const GUESS_ROUNDS: usize = 3;
@@ -201,11 +197,11 @@ const LAST_SIGMAS: (f64, f64) = (0.2, 0.5);
 const BEND: f64 = 2.0;
 
 impl Body {
-    pub(crate) fn new(dot: Dot, z_prior_mm: Option<(f64, f64)>, doubtful: bool) -> Self {
+    pub(crate) fn new(dot: Dot, prior: Option<Prior>, doubtful: bool) -> Self {
         Self {
             dot,
             bands: SmallVec::new(),
-            z_prior_mm,
+            prior,
             step: Vector4::zeros(),
             information: Matrix4::zeros(),
             equations: None,
@@ -230,7 +226,7 @@ impl Body {
 
     /// Whether its bands together tell its depth.
     pub(crate) fn tells_depth(&self) -> bool {
-        self.z_prior_mm.is_none()
+        self.prior.is_none()
     }
 
     /// Whether it stands where its bands together tell.
@@ -245,9 +241,12 @@ impl Body {
 
     /// What the contrast of its light should be, where the pixels may not tell.
     pub(crate) fn expected_contrast(&self, light: &BandLight) -> Option<Expected> {
+        if !self.saturated {
+            return self.prior.and_then(|prior| prior.contrast);
+        }
         let share = GUESS_STD[usize::from(self.rounds >= GUESS_ROUNDS)];
         let value = light.sketch.contrast;
-        self.saturated.then(|| Expected { value, std: share * value.abs().max(1.0) })
+        Some(Expected { value, std: share * value.abs().max(1.0) })
     }
 
     /// Whether it is near enough to its place that pixels which do not fit are not its own.
@@ -333,8 +332,8 @@ impl Body {
                 information += light.jacobian.transpose() * shape.information * light.jacobian;
             }
         }
-        if let Some((_, std_mm)) = self.z_prior_mm {
-            information[(2, 2)] += std_mm.powi(-2);
+        if let Some(prior) = &self.prior {
+            information += Matrix4::from_diagonal(&prior.information());
         }
         information
     }
@@ -369,8 +368,8 @@ impl Body {
                 score += jacobian.transpose() * shape.reduced_score(own);
             }
         }
-        if let Some((z_mm, std_mm)) = self.z_prior_mm {
-            score[2] += (z_mm - self.dot.centre_mm[2]) / std_mm.powi(2);
+        if let Some(prior) = &self.prior {
+            score += prior.score(&self.dot);
         }
         let before = self.step;
         self.step = equations.solve(&score);

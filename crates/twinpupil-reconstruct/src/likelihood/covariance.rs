@@ -94,8 +94,10 @@ impl Patch {
             let (information, _) = light.without_background();
             self.add(&information, [light.to_dot(), light.to_dot()], [start, start], band);
         }
-        if let Some((_, std_mm)) = body.z_prior_mm {
-            self.matrix[(start + 2) * (self.size + 1)] += std_mm.powi(-2);
+        if let Some(prior) = &body.prior {
+            for (unknown, information) in prior.information().iter().enumerate() {
+                self.matrix[(start + unknown) * (self.size + 1)] += information;
+            }
         }
     }
 

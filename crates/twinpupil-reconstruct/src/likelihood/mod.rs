@@ -16,6 +16,7 @@ mod neighbours;
 mod normal;
 mod outline;
 pub(crate) mod pencil;
+pub(crate) mod prior;
 mod profile;
 pub(crate) mod refine;
 mod samples;

@@ -11,6 +11,7 @@ use crate::likelihood::covariance::{Patch, covariance};
 use crate::likelihood::illumination::{Glance, set_illumination};
 use crate::likelihood::joint::{BandView, Buffers, Joint};
 use crate::likelihood::pencil::Pencil;
+use crate::likelihood::prior::Prior;
 use crate::likelihood::spot::{Dot, Raster, Spot};
 use crate::noise::Noise;
 use crate::quantile::median;
@@ -40,8 +41,8 @@ pub(crate) struct Seed {
     pub(crate) diameter_mm: f64,
     /// What every band shows of it.
     pub(crate) sketches: SmallVec<[Option<Sketch>; 2]>,
-    /// Whether its bands together tell its depth.
-    pub(crate) placed: bool,
+    /// What is known of it beforehand, unless its bands together tell its depth.
+    pub(crate) prior: Option<Prior>,
     /// Whether its place may be off by more than the width of an edge.
     pub(crate) doubtful: bool,
     /// Whether the largest code hides how bright it is.
@@ -105,9 +106,6 @@ impl Refined {
         self.covariance_mm2.fixed_view::<3, 3>(0, 0).into_owned()
     }
 }
-
-/// Depth of a dot that only one band shows is about that of the others, mm.
-const LONE_Z_STD_MM: f64 = 30.0;
 
 /// A change of slope that moves a dot's edge by so much is felt, px.
 const SLOPE_FELT_PX: f64 = 0.012;
@@ -267,8 +265,7 @@ impl ForwardModel {
 
 fn body(seed: &Seed, views: &[BandView<'_>], background: &[f64]) -> Body {
     let dot = Dot { centre_mm: seed.centre_mm, diameter_mm: seed.diameter_mm, slopes: [0.0; 2] };
-    let z_prior_mm = (!seed.placed).then_some((seed.centre_mm[2], LONE_Z_STD_MM));
-    let mut body = Body::new(dot, z_prior_mm, seed.doubtful);
+    let mut body = Body::new(dot, seed.prior, seed.doubtful);
     body.saturated = seed.saturated;
     let lights = views.iter().zip(&seed.sketches).zip(background);
     body.bands.extend(
@@ -285,15 +282,20 @@ fn renew_surface(bodies: &[Body], slopes: &mut Slopes, chi2s: &mut Vec<f64>) {
     slopes.renew(placed.map(|body| (body.dot.centre_mm, is_settled(body))));
 }
 
-/// Gives placed dots the slopes of the surface.
-fn set_slopes(bodies: &mut [Body], slopes: &Slopes, is_asked: impl Fn(&Body) -> bool) {
-    for (index, body) in bodies.iter_mut().filter(|body| body.tells_depth()).enumerate() {
-        if body.alive
-            && is_asked(body)
-            && let Some(slopes) = slopes.at_known(index)
-        {
-            lean(body, slopes);
+/// Gives dots the slopes of the surface: those that are placed lie on it, and the others probably do.
+fn set_slopes(bodies: &mut [Body], slopes: &mut Slopes, is_asked: impl Fn(&Body) -> bool) {
+    let mut placed = 0;
+    for body in bodies {
+        let known = body.tells_depth().then_some(placed);
+        placed += usize::from(body.tells_depth());
+        if !body.alive || !is_asked(body) {
+            continue;
         }
+        let found = match known {
+            Some(index) => slopes.at_known(index),
+            None => slopes.at(body.dot.centre_mm),
+        };
+        found.into_iter().for_each(|slopes| lean(body, slopes));
     }
 }
 

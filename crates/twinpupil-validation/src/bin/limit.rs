@@ -4,7 +4,7 @@ use std::env;
 use std::io::{self, Write};
 
 use twinpupil_validation::limit::{Camera, Score, model_rig, plate};
-use twinpupil_validation::plates::POSES;
+use twinpupil_validation::plates::{POSES, Pose};
 
 /// Electrons of the dots.
 const BRIGHTNESSES_E: [f64; 2] = [20_000.0, 200.0];
@@ -17,6 +17,13 @@ fn main() -> io::Result<()> {
     let mut out = io::stdout().lock();
     for brightness_e in BRIGHTNESSES_E {
         for camera in Camera::ALL {
+            let is_asked = |pose: &Pose| {
+                only.as_ref().is_none_or(|only| format!("{brightness_e} {camera:?} {pose:?}").contains(only))
+            };
+            let poses: Vec<Pose> = POSES.into_iter().filter(is_asked).collect();
+            if poses.is_empty() {
+                continue;
+            }
             let rig = model_rig(camera);
             writeln!(
                 out,
@@ -26,9 +33,7 @@ fn main() -> io::Result<()> {
                 out,
                 "  pose             found          false  rms z, µm  bound, µm  error/bound  error/σ by frame  worst tilt  least R²      time"
             )?;
-            for pose in POSES.into_iter().filter(|pose| {
-                only.as_ref().is_none_or(|only| format!("{brightness_e} {camera:?} {pose:?}").contains(only))
-            }) {
+            for pose in poses {
                 let mut score = Score::default();
                 for seed in first..first + seeds {
                     score.merge(Score::of(&rig, &plate(pose, brightness_e, seed), seed + 1000));

@@ -1,5 +1,8 @@
 //! The whole way from a frame to points, as in Section 3 of the paper: planes, features, pairs, positions.
 
+mod late;
+mod seeds;
+
 use std::f64::consts::PI;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
@@ -10,19 +13,18 @@ use twinpupil_instrument::{
     Role,
 };
 
-use crate::background::Polarity;
+use self::late::Lone;
 use crate::calibrated::Calibrated;
 use crate::detect::{DetectOptions, Detection, Detector, Estimator, Feature};
 use crate::further::{FurtherImage, Group, match_predicted};
 use crate::likelihood::known::{KnownDot, SpotScore};
-use crate::likelihood::refine::{ForwardModel, Refined, Seed, Sketch, Workspace};
+use crate::likelihood::refine::{ForwardModel, Refined, Seed, Workspace};
 use crate::likelihood::spot::Dot;
 use crate::matching::{Epipole, Match, MatchOptions, Matcher};
 use crate::model::{Disc, Model};
 use crate::noise::{Noise, NoiseSource};
 use crate::planes::Planes;
 use crate::position::{Position, Sighting, first_order_position_mm, gamma, model_position, paper_position};
-use crate::quantile::median;
 use crate::register::Register;
 use crate::rejection::{Rejection, RejectionReason};
 use crate::shading::Shading;
@@ -159,12 +161,6 @@ fn lattice_std_px(feature: &Feature, step_px: f64) -> f64 {
     2.0 * edge_px * (2.0 * step_px / radius_px).sqrt() / PI
 }
 
-/// Contrast of a feature, as a guess where the largest code cuts it off.
-fn probable_height_codes(feature: &Feature) -> f64 {
-    const OVEREXPOSED: f64 = 1.3;
-    if feature.saturated { OVEREXPOSED * feature.height_codes } else { feature.height_codes }
-}
-
 impl Placed {
     /// Moves it to a position, unless that is none; says whether it did.
     fn settle(&mut self, position: &Position, diameter_mm: f64) -> bool {
@@ -207,6 +203,8 @@ struct Reading {
 #[derive(Debug, Clone, Default)]
 struct Fitting {
     seeds: Vec<Seed>,
+    /// Features among them that are part of no point.
+    lone: Vec<Lone>,
     workspace: Workspace,
     refined: Vec<Option<Refined>>,
     values: Vec<f64>,
@@ -376,29 +374,30 @@ impl Reconstructor {
     fn refine(
         &self,
         planes: &[(PlaneView<'_>, Noise)],
-        detections: &[Detection],
+        detections: &mut [Detection],
         placing: &mut Placing,
         fitting: &mut Fitting,
     ) {
         let background: SmallVec<[f64; 2]> = (detections.iter().zip(planes))
             .map(|(detection, (_, noise))| detection.background_codes - noise.black_level)
             .collect();
-        fitting.seeds.clear();
-        fitting.seeds.extend(placing.points.iter().flatten().map(|placed| seed(placed, detections)));
-        self.add_lone_seeds(detections, placing, fitting);
-        let Fitting { seeds, workspace, refined, is_other, .. } = fitting;
-        self.forward.refine(planes, seeds, &background, workspace, refined);
+        self.fit(planes, detections, &background, placing, fitting);
+        if self.pair_late(detections, placing, fitting) {
+            self.fit(planes, detections, &background, placing, fitting);
+        }
+        let Fitting { refined, is_other, .. } = fitting;
         let mut refined = refined.iter_mut();
         is_other.clear();
         is_other.resize(placing.points.len(), false);
-        for (place, is_other) in placing.points.iter_mut().zip(&mut *is_other) {
+        let places = placing.points.iter_mut().zip(&placing.groups);
+        for ((place, group), is_other) in places.zip(&mut *is_other) {
             let Some(placed) = place else { continue };
             let is_saturated = placed.is_saturated();
             let disc = refined.next().and_then(Option::take).filter(|refined| refined.is_disc(is_saturated));
             match disc {
                 Some(refined) if !is_saturated || refined.tells_depth() => self.place(placed, &refined),
-                // Moments would believe what the largest code hides.
-                _ if is_saturated => *place = None,
+                // Moments would believe what the largest code hides, and pairs that nothing but a fit has shown.
+                _ if is_saturated || group.is_late => *place = None,
                 _ => *is_other = true,
             }
         }
@@ -407,6 +406,20 @@ impl Reconstructor {
                 (0..planes.len()).map(|band| self.with_moments(band, &planes[band], &detections[band])).collect();
             self.place_by_moments(&detections, &placing.groups, &mut placing.points, is_other);
         }
+    }
+
+    /// Finds the most likely dots behind all features.
+    fn fit(
+        &self,
+        planes: &[(PlaneView<'_>, Noise)],
+        detections: &[Detection],
+        background: &[f64],
+        placing: &Placing,
+        fitting: &mut Fitting,
+    ) {
+        self.collect_seeds(detections, placing, fitting);
+        let Fitting { seeds, workspace, refined, .. } = fitting;
+        self.forward.refine(planes, seeds, background, workspace, refined);
     }
 
     /// Features that were found before, with the centres of all their light.
@@ -480,71 +493,6 @@ impl Reconstructor {
         let [t, e] = images;
         point.azimuth_residual_px =
             (t.x_mm * e.y_mm - t.y_mm * e.x_mm) / t.radius_mm().max(1e-12) / self.instrument.sensor.pitch_mm;
-    }
-
-    /// Adds the features of one band that became no point, as dots somewhere along the line of sight.
-    fn add_lone_seeds(&self, detections: &[Detection], placing: &Placing, fitting: &mut Fitting) {
-        const WIDEST_SHARE: f64 = 0.5;
-        let Fitting { seeds, values, is_shown, .. } = fitting;
-        let height_px = self.instrument.sensor.size_px[0].min(self.instrument.sensor.size_px[1]) as f64;
-        let typical = |values: &mut Vec<f64>, all: &mut dyn Iterator<Item = f64>| {
-            values.clear();
-            values.extend(all);
-            median(values)
-        };
-        let points = || placing.points.iter().flatten();
-        let depth_mm = typical(values, &mut points().map(|placed| placed.point.position_mm[2]));
-        let z_mm = depth_mm.unwrap_or(self.instrument.focus_distance_mm());
-        let diameter_mm = typical(values, &mut points().map(|placed| placed.point.diameter_mm));
-        for (band, detection) in detections.iter().enumerate() {
-            let height_codes =
-                typical(values, &mut detection.features.iter().map(|feature| feature.height_codes)).unwrap_or(0.0);
-            is_shown.clear();
-            is_shown.resize(detection.features.len(), false);
-            for (group, _) in placing.groups.iter().zip(&placing.points).filter(|(_, point)| point.is_some()) {
-                group.feature(band).into_iter().for_each(|index| is_shown[index] = true);
-            }
-            let shown = detection.features.iter().zip(&*is_shown);
-            let alone = shown.filter(|(_, shown)| !**shown).map(|(feature, _)| (*feature, false));
-            let bystanders = detection.rejected.iter();
-            let bystanders =
-                bystanders.map(|bystander| (bystander.feature, bystander.reason == RejectionReason::CutByBorder));
-            for (mut feature, is_cut) in alone.chain(bystanders) {
-                let m = self.model.magnification(band, z_mm);
-                if let Some(diameter_mm) = diameter_mm.filter(|_| is_cut) {
-                    // The border is the page's.
-                    let register = &self.registers[band];
-                    feature = register.on_page(&feature);
-                    let pitch_mm = self.instrument.sensor.pitch_mm * register.area_px2(feature.centre).sqrt();
-                    complete(
-                        &mut feature,
-                        diameter_mm * m.abs() / pitch_mm,
-                        height_codes,
-                        self.instrument.sensor.size_px,
-                    );
-                    if !register.is_identity() {
-                        feature = register.mapped(&feature);
-                    }
-                }
-                let feature = &feature;
-                let image = self.instrument.sensor.image_from_pixel(feature.centre);
-                let diameter_px = 2.0 * (feature.area_px / PI).sqrt();
-                // What fills the frame is no dot whose skirts could matter.
-                if diameter_px > WIDEST_SHARE * height_px {
-                    continue;
-                }
-                let mut sketches = SmallVec::from_elem(None, detections.len());
-                sketches[band] = Some(sketch(feature, detection));
-                seeds.push(Seed {
-                    centre_mm: [image.x_mm / m, image.y_mm / m, z_mm],
-                    diameter_mm: (diameter_px * self.instrument.sensor.pitch_mm / m).max(1e-3),
-                    sketches,
-                    placed: false,
-                    doubtful: true,
-                    saturated: feature.saturated,
-                });
-            }
-        }
     }
 
     /// Index in the instrument of a band of the model.
@@ -773,87 +721,5 @@ impl Reconstructor {
             2.0 * (half_lit_mm + blurs_mm[role].powi(2) / (8.0 * half_lit_mm)) / magnifications[role]
         });
         diameters_mm[0].max(diameters_mm[1])
-    }
-}
-
-/// A point as the fit starts from it.
-fn seed(placed: &Placed, detections: &[Detection]) -> Seed {
-    let sketches = detections
-        .iter()
-        .enumerate()
-        .map(|(band, detection)| placed.feature(band).map(|feature| sketch(feature, detection)));
-    Seed {
-        centre_mm: placed.point.position_mm,
-        diameter_mm: placed.point.diameter_mm,
-        sketches: sketches.collect(),
-        placed: true,
-        doubtful: placed.point.telecentric.overlapped || placed.point.entocentric.overlapped || placed.is_saturated(),
-        saturated: placed.is_saturated(),
-    }
-}
-
-/// A feature as the fit starts from it.
-fn sketch(feature: &Feature, detection: &Detection) -> Sketch {
-    let sign = if detection.polarity == Polarity::Bright { 1.0 } else { -1.0 };
-    Sketch { contrast: sign * probable_height_codes(feature), area_px: feature.area_px }
-}
-
-/// Makes what the border leaves of a feature a whole disc of the typical diameter, which shows that area.
-///
-/// Of a disc of radius R whose centre lies h inside of a line, `R² arccos(−h/R) + h √(R² − h²)` is inside.
-fn complete(feature: &mut Feature, diameter_px: f64, height_codes: f64, size_px: [usize; 2]) {
-    const HALVINGS: usize = 30;
-    let radius_px = 0.5 * diameter_px;
-    if feature.area_px > PI * radius_px * radius_px {
-        return;
-    }
-    let inside = |h: f64| radius_px * radius_px * (-h / radius_px).acos() + h * (radius_px * radius_px - h * h).sqrt();
-    let (mut low, mut high) = (-radius_px, radius_px);
-    for _ in 0..HALVINGS {
-        let middle = 0.5 * (low + high);
-        if inside(middle) < feature.area_px { low = middle } else { high = middle }
-    }
-    let [width_px, height_px] = size_px.map(|size| size as f64 - 0.5);
-    let PixelPoint { u, v } = feature.centre;
-    let gaps_px = [u + 0.5, width_px - u, v + 0.5, height_px - v];
-    let nearest = (0..4).min_by(|a, b| gaps_px[*a].total_cmp(&gaps_px[*b])).unwrap_or(0);
-    let centre = &mut feature.centre;
-    match nearest {
-        0 => centre.u = low - 0.5,
-        1 => centre.u = width_px - low,
-        2 => centre.v = low - 0.5,
-        _ => centre.v = height_px - low,
-    }
-    feature.area_px = PI * radius_px * radius_px;
-    feature.height_codes = feature.height_codes.max(height_codes);
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn half_a_dot_at_the_border_is_a_whole_one() {
-        let seen = |u: f64, v: f64, area_px: f64| {
-            let centre = PixelPoint { u, v };
-            let mut feature = Feature {
-                centre,
-                centre_std_px: [0.5; 2],
-                area_px,
-                height_codes: 900.0,
-                ground_codes: 0.0,
-                edge_px: 2.0,
-                overlapped: false,
-                saturated: false,
-            };
-            complete(&mut feature, 40.0, 1000.0, [200, 100]);
-            feature
-        };
-        let half = seen(60.0, 8.0, 0.5 * PI * 400.0);
-        assert!((half.centre.v + 0.5).abs() < 1e-6 && half.centre.u == 60.0, "{half:?}");
-        assert!((half.area_px - PI * 400.0).abs() < 1e-9 && half.height_codes == 1000.0);
-        let sliver = seen(196.0, 50.0, 100.0);
-        assert!((200.0..219.5).contains(&sliver.centre.u), "{sliver:?}");
-        assert_eq!(seen(60.0, 8.0, 2000.0).area_px, 2000.0);
     }
 }
