@@ -12,7 +12,7 @@ use crate::likelihood::illumination::{Glance, set_illumination};
 use crate::likelihood::joint::{BandView, Buffers, Joint};
 use crate::likelihood::pencil::Pencil;
 use crate::likelihood::prior::Prior;
-use crate::likelihood::spot::{Dot, Raster};
+use crate::likelihood::spot::{Dot, Raster, Spot};
 use crate::noise::Noise;
 use crate::quantile::median;
 use crate::slope::Slopes;
@@ -246,6 +246,16 @@ impl ForwardModel {
         let mut bands: Vec<&BandModel> = self.bands.iter().collect();
         bands.sort_by_key(|band| band.index);
         bands.into_iter().map(|band| band.pencil.projection).collect()
+    }
+
+    /// Whether the masks take some of a dot's light, for every band of this model.
+    pub(crate) fn is_cut(&self, dot: &Dot) -> SmallVec<[bool; 2]> {
+        let [x_mm, y_mm, z_mm] = dot.centre_mm;
+        let is_cut = |band: &BandModel| {
+            let aberration_mm = self.aberration_mm(band.index)((x_mm * x_mm + y_mm * y_mm).sqrt(), z_mm);
+            Spot::with_jacobian(dot, &band.pencil, band.raster, aberration_mm).0.is_clipped()
+        };
+        self.bands.iter().map(is_cut).collect()
     }
 
     fn aberration_mm(&self, band: usize) -> impl Fn(f64, f64) -> f64 + Sync + '_ {
