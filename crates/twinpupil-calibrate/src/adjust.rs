@@ -4,7 +4,8 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix4, Matrix6, SMatrix, Vecto
 use rayon::prelude::*;
 use twinpupil_instrument::LensTerms;
 
-use crate::forward::{CAMERA_SLOTS, SLOTS, Slots, View, spot};
+use crate::forward::{CAMERA_SLOTS, SLOTS, Slots, View, image, spot};
+use crate::lattice::median;
 use crate::pose::Pose;
 use crate::stage::{StagePosition, WAY_SIZE, Way};
 use crate::unknown::Unknown;
@@ -20,6 +21,9 @@ pub(crate) struct Observation {
     /// What it says of a change from there: `score·Δ − ½ Δ·information Δ` is the log-likelihood.
     pub(crate) score: Vector4<f64>,
     pub(crate) information: Matrix4<f64>,
+    /// From the anchor to the image that it finds most likely, and twice the log-likelihood that this gains.
+    pub(crate) change: Vector4<f64>,
+    gain: f64,
 }
 
 /// A camera's band, before any unknown is moved.
@@ -379,7 +383,16 @@ impl Problem<'_> {
         pose: &Pose,
     ) -> Vector4<f64> {
         let (slots, view) = self.look(band, dot, cameras, state, pose);
-        spot(&slots, &view).0
+        image(&slots, &view)
+    }
+
+    /// χ² of the typical observation.
+    pub(crate) fn typical_chi2(&self, state: &State) -> f64 {
+        let cameras = self.cameras_of(&state.values);
+        median(self.observations.iter().map(|observation| {
+            let pose = &state.poses[observation.frame];
+            observation.chi2(&self.image(observation.band, observation.dot, &cameras, state, pose))
+        }))
     }
 
     /// What the observations tell of every unknown if all others were known, in units of its prior deviation.
@@ -399,61 +412,66 @@ impl Problem<'_> {
     }
 }
 
-/// How far the forward model's images may be from those of the real masks: u, v, radius and blur, px. The light across an
-/// edge is modelled to some ten-thousandths of a pixel, alike for all dots of a frame, so that many dots make it no better:
-/// radius and blur count for less than their noise would have them.
-const MODEL_STD_PX: [f64; 4] = [2e-4, 2e-4, 8e-3, 1.5e-2];
+/// How far the forward model's images may be from those of the real masks: u, v, radius and blur, px, as frames without
+/// noise show it. Centres are off at random; radius and blur alike for all dots of a frame, by up to 2e-4 px and 4e-5 of the
+/// blur, which many dots make no better: theirs are larger by the square root of the dots that share them.
+const MODEL_STD_PX: [f64; 4] = [3e-4, 3e-4, 1e-3, 1.5e-3];
+const BLUR_SHARE: f64 = 8e-4;
 
 /// The same where the masks cut the light, near the axis.
-const CUT_STD_PX: [f64; 4] = [2.5e-3, 2.5e-3, 2.5e-2, 2.5e-2];
+const CUT_STD_PX: [f64; 4] = [1e-3, 1e-3, 2e-3, 5e-3];
 
 impl Observation {
+    /// What an image is given for: frame, band and dot.
+    pub(crate) fn new(
+        (frame, band, dot): (usize, usize, usize),
+        anchor: Vector4<f64>,
+        score: Vector4<f64>,
+        information: Matrix4<f64>,
+    ) -> Self {
+        let change = most_likely_change(&score, &information);
+        Self { frame, band, dot, anchor, score, information, change, gain: change.dot(&score) }
+    }
+
     /// With what the model may be wrong by added to the noise: of the covariance `S⁻¹ + F` the inverse is
     /// `S − S (S + F⁻¹)⁻¹ S`, even where S has none. `None` if S is no information, as of a dot of which the masks leave
     /// next to nothing.
     pub(crate) fn with_model_error(self, is_cut: bool) -> Option<Self> {
         const LEAST: f64 = -1e-6;
         let std_px = if is_cut { CUT_STD_PX } else { MODEL_STD_PX };
+        let std_px = [std_px[0], std_px[1], std_px[2], std_px[3].hypot(BLUR_SHARE * self.anchor.w)];
         let eigenvalues = self.information.symmetric_eigenvalues();
         let is_information = eigenvalues.max() > 0.0 && eigenvalues.min() > LEAST * eigenvalues.max();
         let model = Matrix4::from_diagonal(&Vector4::from(std_px.map(|std| std.powi(-2))));
         let factor = (self.information + model).cholesky().filter(|_| is_information)?;
-        Some(Self {
-            information: self.information - self.information * factor.solve(&self.information),
-            score: self.score - self.information * factor.solve(&self.score),
-            ..self
-        })
+        Some(Self::new(
+            (self.frame, self.band, self.dot),
+            self.anchor,
+            self.score - self.information * factor.solve(&self.score),
+            self.information - self.information * factor.solve(&self.information),
+        ))
     }
 
     /// χ² of an image: of its change from the most likely one.
     pub(crate) fn chi2(&self, image: &Vector4<f64>) -> f64 {
         let change = image - self.anchor;
         let quadratic = change.dot(&(self.information * change)) - 2.0 * change.dot(&self.score);
-        (quadratic + self.best_chi2()).max(0.0)
+        (quadratic + self.gain).max(0.0)
     }
+}
 
-    /// What the change to the most likely image would gain.
-    fn best_chi2(&self) -> f64 {
-        self.most_likely_change().map_or(0.0, |change| change.dot(&self.score))
-    }
-
-    /// From the anchor to the image that this observation alone finds most likely.
-    pub(crate) fn most_likely_change(&self) -> Option<Vector4<f64>> {
-        // Where something is not told at all the rest still is.
-        const LEAST: f64 = 1e-9;
-        let eigen = self.information.symmetric_eigen();
-        let largest = eigen.eigenvalues.max();
-        if largest.is_nan() || largest <= 0.0 {
-            return None;
+/// From the anchor to the image that a score finds most likely; where something is not told at all the rest still is.
+fn most_likely_change(score: &Vector4<f64>, information: &Matrix4<f64>) -> Vector4<f64> {
+    const LEAST: f64 = 1e-9;
+    let eigen = information.symmetric_eigen();
+    let largest = eigen.eigenvalues.max();
+    let mut change = Vector4::zeros();
+    for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
+        if *value > LEAST * largest {
+            change += vector * (vector.dot(score) / value);
         }
-        let mut change = Vector4::zeros();
-        for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
-            if *value > LEAST * largest {
-                change += vector * (vector.dot(&self.score) / value);
-            }
-        }
-        Some(change)
     }
+    change
 }
 
 /// Huber's cost of a χ², and the weight that goes with it.
@@ -526,7 +544,7 @@ mod tests {
             let cameras = self.problem.cameras_of(&state.values);
             let mut residuals = Vec::new();
             for observation in self.problem.observations {
-                let Observation { band, dot, frame, anchor, score, information } = observation;
+                let Observation { band, dot, frame, anchor, score, information, .. } = observation;
                 let image = self.problem.image(*band, *dot, &cameras, &state, &state.poses[*frame]);
                 let lower = information.cholesky()?.l();
                 let residual = lower.transpose() * (image - anchor) - lower.solve_lower_triangular(score)?;
@@ -579,7 +597,7 @@ mod tests {
                     // Looked at a little beside.
                     let anchor = image + Vector4::new(0.1, -0.2, 0.05, 0.3);
                     let score = information * (image + off - anchor);
-                    observations.push(Observation { frame, band, dot, anchor, score, information });
+                    observations.push(Observation::new((frame, band, dot), anchor, score, information));
                 }
             }
         }

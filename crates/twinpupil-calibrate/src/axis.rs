@@ -260,15 +260,8 @@ impl Own {
         for (band, score) in sighted.scores.iter().enumerate() {
             let Some(score) = score else { continue };
             let (image, gradient) = look(&sighted.dot, &cameras[band], pitch_mm);
-            let observation = Observation {
-                frame: 0,
-                band,
-                dot: 0,
-                anchor: image,
-                score: score.score,
-                information: score.information,
-            }
-            .with_model_error(score.is_cut)?;
+            let observation =
+                Observation::new((0, band, 0), image, score.score, score.information).with_model_error(score.is_cut)?;
             let mut to_dot = Matrix4::zeros();
             to_dot.fixed_columns_mut::<3>(0).copy_from(&gradient.fixed_columns::<3>(CAMERA_SLOTS + 3));
             to_dot.set_column(3, &gradient.column(Slot::Diameter as usize));

@@ -70,7 +70,7 @@ pub(crate) fn spot(slots: &Slots, view: &View) -> (Vector4<f64>, Gradient) {
 /// e = (p + lens height)/L, at p + e h with h = τ·p/(1 − τ·e), and there L counts as L + h. The image of a disc of
 /// radius ϱ that leans by θ along the unit vector k is an ellipse, centred `m′ ϱ² (k sinθ cosθ + (p′/m) sin²θ)` beside the
 /// image of its centre; dashes are changes with z.
-fn image<D: DualNum<f64> + Copy>(slots: &SVector<D, SLOTS>, view: &View) -> SVector<D, 4> {
+pub(crate) fn image<D: DualNum<f64> + Copy>(slots: &SVector<D, SLOTS>, view: &View) -> SVector<D, 4> {
     let at = |slot: Slot| slots[slot as usize];
     let (l, f, d) = (at(Slot::SensorDistance), at(Slot::FocalLength), at(Slot::PupilPosition));
     let tau = [at(Slot::TiltU), at(Slot::TiltV)];

@@ -9,13 +9,17 @@
 
 mod adjust;
 mod advice;
+mod approach;
 mod axis;
 mod calibrate;
 mod camera;
+mod compare;
 mod forward;
 mod lattice;
+mod now;
 mod pose;
 mod result;
+mod seen;
 mod sighting;
 mod stage;
 mod target;

@@ -5,10 +5,14 @@ use twinpupil_instrument::{CalibrationFrame, CalibrationSpec, Instrument, Role};
 
 use crate::adjust::{Observation, Problem};
 use crate::advice::advice;
-use crate::calibrate::{CalibrateError, Calibrator, Fault, Fitness, Now, Seen};
+use crate::calibrate::{CalibrateError, Fault};
+use crate::compare::Fitness;
 use crate::forward::{CAMERA_SLOTS, Slot, spot};
 use crate::lattice::median;
+use crate::now::Now;
 use crate::pose::Pose;
+use crate::seen::Seen;
+use crate::target::Target;
 use crate::unknown::{Quantity, Unknown};
 
 /// An instrument as its frames tell it.
@@ -140,10 +144,12 @@ pub struct HeldOut {
 
 /// What a calibration is concluded from.
 pub(crate) struct Conclusion<'a> {
-    pub(crate) calibrator: &'a Calibrator<'a>,
+    /// The data sheet.
+    pub(crate) instrument: &'a Instrument,
+    pub(crate) target: &'a Target,
     pub(crate) unknowns: &'a [Unknown],
     pub(crate) now: &'a Now,
-    pub(crate) seen: &'a [Seen],
+    pub(crate) seen: &'a [Seen<'a>],
     pub(crate) faults: Vec<Fault>,
     pub(crate) observations: &'a [Observation],
     pub(crate) fitness: &'a [Fitness],
@@ -154,8 +160,8 @@ const OPEN_SHARE: f64 = 0.5;
 
 impl Calibration {
     pub(crate) fn conclude(conclusion: Conclusion<'_>) -> Result<Self, CalibrateError> {
-        let Conclusion { calibrator, unknowns, now, seen, faults, observations, fitness } = conclusion;
-        let problem = now.problem(calibrator, unknowns, observations, f64::INFINITY);
+        let Conclusion { instrument, target, unknowns, now, seen, faults, observations, fitness } = conclusion;
+        let problem = now.problem(unknowns, observations, f64::INFINITY);
         let residuals = residuals(&problem, now, seen, observations);
         // Of places alone: size and blur count for less than they are known to.
         let chi2: f64 = residuals.iter().map(Residual::place_chi2).sum();
@@ -165,14 +171,14 @@ impl Calibration {
         let scale = |i: usize, k: usize| unknowns[i].prior_std * unknowns[k].prior_std * reduced_chi2.max(1.0);
         let covariance = DMatrix::from_fn(count, count, |i, k| now.adjusted.covariance[(i, k)] * scale(i, k));
         let data = problem.information_of_each(&now.adjusted.state);
-        let numbers = numbers(calibrator.instrument, unknowns, now, &covariance, &data);
+        let numbers = numbers(instrument, unknowns, now, &covariance, &data);
         let frames: Vec<FrameResult> = (0..seen.len())
             .map(|place| {
                 let result = frame_result(place, now, seen, &residuals, (observations, fitness), reduced_chi2);
                 FrameResult { off_stage: off_stage(&problem, now, place), ..result }
             })
             .collect();
-        let held_out = held_out(calibrator, unknowns, now, observations, seen.len())?;
+        let held_out = held_out(unknowns, now, observations, seen.len())?;
         let mut calibration = Self {
             instrument: now.instrument.clone(),
             numbers,
@@ -186,7 +192,7 @@ impl Calibration {
             held_out,
             advice: Vec::new(),
         };
-        calibration.advice = advice(&calibration, calibrator.target);
+        calibration.advice = advice(&calibration, target);
         Ok(calibration)
     }
 
@@ -221,13 +227,12 @@ impl Calibration {
     }
 }
 
-fn residuals(problem: &Problem<'_>, now: &Now, seen: &[Seen], observations: &[Observation]) -> Vec<Residual> {
+fn residuals(problem: &Problem<'_>, now: &Now, seen: &[Seen<'_>], observations: &[Observation]) -> Vec<Residual> {
     let state = &now.adjusted.state;
     let residual = |observation: &Observation| {
         let Observation { frame, band, dot, .. } = *observation;
         let image = problem.image(band, dot, &now.cameras, state, &state.poses[frame]);
-        let change = observation.most_likely_change()?;
-        let off = change - (image - observation.anchor);
+        let off = observation.change - (image - observation.anchor);
         let covariance = observation.information.pseudo_inverse(1e-12).ok()?;
         Some(Residual {
             frame: seen[frame].frame,
@@ -286,7 +291,7 @@ fn numbers(
 fn frame_result(
     place: usize,
     now: &Now,
-    seen: &[Seen],
+    seen: &[Seen<'_>],
     residuals: &[Residual],
     (observations, fitness): (&[Observation], &[Fitness]),
     reduced_chi2: f64,
@@ -315,7 +320,6 @@ fn off_stage(problem: &Problem<'_>, now: &Now, place: usize) -> Option<OffStage>
 
 /// Calibrates again without a part of the frames, and finds how the depth of their dots fits the target's plane.
 fn held_out(
-    calibrator: &Calibrator<'_>,
     unknowns: &[Unknown],
     now: &Now,
     observations: &[Observation],
@@ -331,13 +335,13 @@ fn held_out(
         let split = |is_own: bool| -> Vec<Observation> {
             observations.iter().filter(|observation| (observation.frame % parts == part) == is_own).copied().collect()
         };
-        let others = calibrator.adjust(now, unknowns, &split(false), None)?;
+        let others = now.adjusted_to(unknowns, &split(false))?;
         // The poses of the frames that were left out, as that instrument sees them.
         let own = split(true);
-        let posed = calibrator.adjust(&others, &[], &own, None)?;
-        errors.extend(depth_errors(calibrator, &posed, &own));
+        let posed = others.adjusted_to(&[], &own)?;
+        errors.extend(depth_errors(&posed, &own));
     }
-    let within = depth_errors(calibrator, now, observations);
+    let within = depth_errors(now, observations);
     Ok(Some(HeldOut { z_rms_mm: rms_mm(&errors), z_rms_within_mm: rms_mm(&within), dots: errors.len() }))
 }
 
@@ -362,10 +366,10 @@ fn rms_mm(errors: &[DepthError]) -> f64 {
 
 /// How far every dot that the pair of bands shows seems before or behind the target, mm, if its place and diameter are
 /// unknown.
-fn depth_errors(calibrator: &Calibrator<'_>, now: &Now, observations: &[Observation]) -> Vec<DepthError> {
-    let problem = now.problem(calibrator, &[], observations, f64::INFINITY);
+fn depth_errors(now: &Now, observations: &[Observation]) -> Vec<DepthError> {
+    let problem = now.problem(&[], observations, f64::INFINITY);
     let state = &now.adjusted.state;
-    let bands = [Role::Telecentric, Role::Entocentric].map(|role| calibrator.instrument.band_index(role));
+    let bands = [Role::Telecentric, Role::Entocentric].map(|role| now.instrument.band_index(role));
     let mut errors = Vec::new();
     let mut rest: Vec<&Observation> = observations.iter().collect();
     rest.sort_by_key(|observation| (observation.frame, observation.dot));

@@ -1,5 +1,7 @@
 //! Cameras off their data sheet, calibrated from a target: how well the depth of other frames' dots comes out.
 
+use std::borrow::Cow;
+
 use twinpupil_calibrate::{
     AxisError, AxisEstimate, AxisFinder, CalibrateError, Calibration, Calibrator, Choices, StagePosition, Target,
     TargetKind, TargetSpec,
@@ -243,8 +245,8 @@ pub fn calibrate_on_stage(
         choices,
         place_std_mm: None,
         stage,
-        reader: &|instrument| Ok(reader(instrument, Options::default())),
-        frame: &|frame| Ok(frames[frame].clone()),
+        reader: &|instrument, mode| Ok(reader(instrument, Options { mode, ..Options::default() })),
+        frame: &|frame| Ok(Cow::Borrowed(&frames[frame])),
         progress: &|_| {},
     };
     calibrator.calibrate(frames.len())

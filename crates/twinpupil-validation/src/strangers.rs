@@ -32,6 +32,9 @@ const MOSAICS: [Mosaic; 5] = [Mosaic::Rgb, Mosaic::Rggb, Mosaic::Bggr, Mosaic::G
 const RADIUS_STEPS_MIN: f64 = 4.5;
 const RADIUS_SHARE_MAX: f64 = 0.04;
 
+/// Dots from so many blind radii on are seen well enough by both bands: those of the paper begin there at 300 mm.
+const CLEAR: f64 = 1.33;
+
 /// Most dots, and the share of the field that they fill at most.
 const DOTS_MAX: f64 = 80.0;
 const FILLED_MAX: f64 = 0.22;
@@ -147,7 +150,7 @@ fn scene(draw: &mut Draw, instrument: &Instrument, focus_mm: f64, seed: u64) -> 
     let radius_px = radius_px.max(1.3 * blur_px[0].max(blur_px[1]));
     let diameter_mm = 2.0 * radius_px * sensor.pitch_mm / magnification;
     let r_max_mm = 0.42 * sensor.pitch_mm * sensor.size_px[0] as f64 / magnification;
-    let r_min_mm = 2.0 * instrument.apertures[0].zones[0].radius_mm.unwrap_or(0.0);
+    let r_min_mm = CLEAR * blind_radius_mm(instrument, distance_mm);
     let fitting = FILLED_MAX * 4.0 * r_max_mm * r_max_mm / (diameter_mm * diameter_mm);
     let count = draw.between(0.3, 1.0) * DOTS_MAX.min(fitting);
     let gap_mm = draw.between(0.1, 0.6) * diameter_mm;
@@ -159,7 +162,7 @@ fn scene(draw: &mut Draw, instrument: &Instrument, focus_mm: f64, seed: u64) -> 
         pattern: Pattern::RandomDots(RandomDots {
             count: count.max(8.0) as u32,
             diameter_mm,
-            r_min_mm: r_min_mm.min(0.5 * r_max_mm),
+            r_min_mm: (0.75 * r_min_mm).min(0.5 * r_max_mm),
             r_max_mm,
             gap_mm,
         }),
@@ -178,6 +181,13 @@ fn scene(draw: &mut Draw, instrument: &Instrument, focus_mm: f64, seed: u64) -> 
     };
     let terms = Terms { r_min_mm, reach_mm: [0.3 * diameter_mm, 0.02 * distance_mm] };
     (Scene::new(spec).expect("a legal plate"), terms)
+}
+
+/// How far from the axis the masks leave nothing of a pencil's middle: the chief ray of one band meets the disc that shuts
+/// that band out, on the lens or in the focal plane.
+fn blind_radius_mm(instrument: &Instrument, distance_mm: f64) -> f64 {
+    let disc_mm = |aperture: usize| instrument.apertures[aperture].zones[0].radius_mm.unwrap_or(0.0);
+    disc_mm(0).max(disc_mm(1) * distance_mm / instrument.lens.focal_length_mm())
 }
 
 /// A tilt that leaves the whole plate in the depth that the camera is made for.

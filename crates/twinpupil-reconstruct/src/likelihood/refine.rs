@@ -13,7 +13,7 @@ use crate::likelihood::illumination::{Glance, set_illumination};
 use crate::likelihood::joint::{BandView, Buffers, Joint};
 use crate::likelihood::pencil::Pencil;
 use crate::likelihood::prior::Prior;
-use crate::likelihood::spot::{Dot, Raster};
+use crate::likelihood::spot::{Dot, Raster, Spot};
 use crate::noise::Noise;
 use crate::quantile::median;
 use crate::slope::Slopes;
@@ -249,6 +249,15 @@ impl ForwardModel {
         let mut bands: Vec<&BandModel> = self.bands.iter().collect();
         bands.sort_by_key(|band| band.index);
         bands.into_iter().map(|band| band.pencil.projection).collect()
+    }
+
+    /// Whether the masks take some of a dot's light, for every band of this model.
+    pub(crate) fn is_cut(&self, dot: &Dot) -> SmallVec<[bool; 2]> {
+        let is_cut = |band: &BandModel| {
+            let departure = band.departures.as_ref().map(|departures| departures.of_dot(dot));
+            Spot::with_jacobian(dot, &band.pencil, band.raster, departure).0.is_clipped()
+        };
+        self.bands.iter().map(is_cut).collect()
     }
 }
 

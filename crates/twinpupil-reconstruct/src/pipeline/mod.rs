@@ -343,6 +343,15 @@ impl Reconstructor {
         Ok(scores.into_iter().map(of_instrument).collect())
     }
 
+    /// Whether the masks take some of the light of a dot in a given place, in every band of the instrument.
+    pub fn is_cut(&self, dot: &KnownDot) -> Vec<bool> {
+        let KnownDot { centre_mm, slopes, diameter_mm, .. } = *dot;
+        let own = self.forward.is_cut(&Dot { centre_mm, diameter_mm, slopes });
+        let mut all = vec![false; own.len()];
+        own.into_iter().enumerate().for_each(|(band, is_cut)| all[self.index(band)] = is_cut);
+        all
+    }
+
     fn spares(&self) -> std::sync::MutexGuard<'_, Vec<Reading>> {
         // What was left behind by a panic is only buffers.
         self.spare.lock().unwrap_or_else(PoisonError::into_inner)

@@ -8,6 +8,7 @@ use anyhow::{Context, Result, bail};
 
 /// Larger files are refused: no frame, table or instrument comes near, and reading one would only fill the memory.
 const BYTES_MAX: u64 = 2 << 30;
+const TOO_LARGE: &str = "the file is larger than 2 GiB";
 
 /// The bytes of a file, or of standard input for `-`.
 pub fn read_bytes(path: &Path) -> Result<Vec<u8>> {
@@ -34,6 +35,8 @@ fn read(path: &Path) -> Result<Vec<u8>> {
         bail!("this is a folder, not a file");
     }
     match File::open(path) {
+        // What its size refuses need not be read; where a pipe has none, reading tells.
+        Ok(file) if file.metadata().is_ok_and(|metadata| metadata.len() > BYTES_MAX) => bail!(TOO_LARGE),
         Ok(file) => take(file),
         Err(error) if error.kind() == ErrorKind::NotFound => bail!("there is no such file"),
         Err(error) if error.kind() == ErrorKind::PermissionDenied => bail!("no permission to read this file"),
@@ -48,7 +51,7 @@ fn take(source: impl Read) -> Result<Vec<u8>> {
         bail!("the file is empty");
     }
     if bytes.len() as u64 > BYTES_MAX {
-        bail!("the file is larger than 2 GiB");
+        bail!(TOO_LARGE);
     }
     Ok(bytes)
 }

@@ -18,7 +18,7 @@ fn positions(table: &ReadTable, frames: &[FrameFiles]) -> Result<Vec<Option<Stag
     let mut positions = vec![None; frames.len()];
     for ((name, travel_mm), std_mm) in names.iter().zip(travels_mm).zip(stds_mm) {
         if std_mm <= 0.0 {
-            bail!("frame `{name}`: std_mm is {std_mm}; legal: above 0");
+            bail!("frame `{}`: std_mm is {std_mm}; legal: above 0", printable(name));
         }
         let is_named = |frame: &FrameFiles| frame.name == *name || file_name(&frame.name) == Some(name.as_str());
         let mut own = frames.iter().enumerate().filter(|(_, frame)| is_named(frame)).map(|(index, _)| index);
@@ -26,15 +26,25 @@ fn positions(table: &ReadTable, frames: &[FrameFiles]) -> Result<Vec<Option<Stag
             (Some(index), None) if positions[index].is_none() => {
                 positions[index] = Some(StagePosition { travel_mm, std_mm });
             }
-            (Some(_), None) => bail!("frame `{name}` appears twice"),
-            (None, _) => bail!("frame `{name}` is none of those to calibrate from"),
-            (Some(_), Some(_)) => bail!("frame `{name}` is the name of several; legal: their paths as they were given"),
+            (Some(_), None) => bail!("frame `{}` appears twice", printable(name)),
+            (None, _) => bail!("frame `{}` is none of those to calibrate from", printable(name)),
+            (Some(_), Some(_)) => {
+                bail!("frame `{}` is the name of several; legal: their paths as they were given", printable(name))
+            }
         }
     }
     if positions.iter().flatten().count() < 2 {
         bail!("{} frame has a position; legal: two at least", positions.iter().flatten().count());
     }
     Ok(positions)
+}
+
+/// A name as a sentence can hold it, whatever the file holds.
+fn printable(name: &str) -> String {
+    const CHARACTERS_MAX: usize = 80;
+    let mut characters = name.chars().flat_map(char::escape_debug);
+    let head: String = characters.by_ref().take(CHARACTERS_MAX).collect();
+    if characters.next().is_some() { format!("{head}…") } else { head }
 }
 
 fn file_name(name: &str) -> Option<&str> {
@@ -74,6 +84,8 @@ mod tests {
         assert!(message("1.png,0,1\n1.png,1,1\n").contains("appears twice"));
         assert!(message("1.png,0,0\n").contains("legal: above 0"));
         assert!(message("1.png,0,1\n").contains("two at least"));
+        let noise = message(&format!("{}\u{7},0,1\n", "x\u{1b}".repeat(500)));
+        assert!(noise.len() < 200 && !noise.contains('\u{1b}'), "{noise}");
         assert!(read("frame,travel_mm\n1.png,0\n").unwrap_err().to_string().contains("`std_mm`"));
     }
 }

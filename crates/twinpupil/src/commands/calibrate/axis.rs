@@ -6,7 +6,7 @@ use anyhow::{Context, Result};
 use serde::Serialize;
 use twinpupil_calibrate::{AxisEstimate, AxisFinder};
 use twinpupil_instrument::{Frame, Instrument};
-use twinpupil_reconstruct::DetectOptions;
+use twinpupil_reconstruct::{DetectOptions, Mode};
 
 use super::super::destination::pretty;
 use super::super::options::PolarityOption;
@@ -60,7 +60,7 @@ pub(super) fn run(args: &Args, console: &Console) -> Result<()> {
     let response = loaded.response_matrix()?;
     let finder = AxisFinder {
         instrument: &loaded.instrument,
-        reader: &|instrument| Ok(reader(instrument, detect)?.unmixing(&response)),
+        reader: &|instrument| Ok(reader(instrument, Mode::Model, detect)?.unmixing(&response)),
         frames: &frames,
     };
     let estimate = finder.find()?;

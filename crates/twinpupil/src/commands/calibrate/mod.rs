@@ -8,6 +8,7 @@ mod plots;
 mod residuals;
 mod summary;
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -163,11 +164,13 @@ impl Run<'_> {
     fn calibrate(&self, args: &GridArgs, console: &Console) -> Result<Calibration> {
         let detect = DetectOptions { polarity: args.polarity.polarity(), ..DetectOptions::default() };
         let response = self.loaded.response_matrix()?;
-        let reader = |instrument: &Instrument| -> Result<Reconstructor, Foreign> {
-            Ok(reader(instrument, detect)?.unmixing(&response))
+        let reader = |instrument: &Instrument, mode: Mode| -> Result<Reconstructor, Foreign> {
+            Ok(reader(instrument, mode, detect)?.unmixing(&response))
         };
-        let frame =
-            |index: usize| Ok(self.files[index].read(self.format).map_err(|error| Unreadable(one_line(&error)))?);
+        let frame = |index: usize| {
+            let frame = self.files[index].read(self.format).map_err(|error| Unreadable(one_line(&error)))?;
+            Ok(Cow::Owned(frame))
+        };
         let bar = console.progress(self.files.len() as u64, "finding the target");
         let stage = Mutex::new(Stage::Finding);
         let progress = |now: Stage| {
@@ -209,12 +212,12 @@ fn one_line(error: &anyhow::Error) -> String {
 }
 
 /// Makes an instrument ready to read frames; an ideal lens adds nothing to first order.
-pub(super) fn reader(instrument: &Instrument, detect: DetectOptions) -> Result<Reconstructor> {
+pub(super) fn reader(instrument: &Instrument, mode: Mode, detect: DetectOptions) -> Result<Reconstructor> {
     let table = match instrument.lens {
         Lens::Thin(_) => None,
         Lens::Fresnel(_) | Lens::Prescription(_) => Some(twinpupil_optics::response_table_for(instrument)?),
     };
-    let options = Options { mode: Mode::Model, detect, ..Options::default() };
+    let options = Options { mode, detect, ..Options::default() };
     Ok(Reconstructor::new(instrument.clone(), table, options))
 }
 

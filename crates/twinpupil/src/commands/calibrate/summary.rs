@@ -5,6 +5,7 @@ use twinpupil_calibrate::{Calibration, LeftOpen, Number, Target};
 use twinpupil_instrument::Instrument;
 
 use super::faults;
+use super::measured::{measured, stated};
 use crate::io::files::FrameFiles;
 
 /// What `--json` prints.
@@ -102,30 +103,14 @@ impl Summary {
         }
         let width = self.numbers.iter().map(|number| number.key.len()).max().unwrap_or(0);
         lines.extend(self.numbers.iter().map(|number| {
-            let decimals = decimals(number.std);
             let open = if number.left_open.is_some() { ", not determined" } else { "" };
-            format!(
-                "{:width$}  {:.decimals$} ± {:.decimals$}  (data sheet {} ± {:.3}){open}",
-                number.key,
-                number.value,
-                number.std,
-                shortest(number.data_sheet),
-                number.tolerance,
-            )
+            let value = measured(number.value, number.std);
+            let sheet = stated(number.data_sheet, number.tolerance);
+            format!("{:width$}  {value}  (data sheet {sheet}){open}", number.key)
         }));
         lines.extend(self.advice.iter().map(|advice| format!("advice: {advice}")));
         lines
     }
-}
-
-/// As many decimals as show two digits of a deviation.
-fn decimals(std: f64) -> usize {
-    if std > 0.0 { (1.0 - std.log10().floor()).clamp(0.0, 12.0) as usize } else { 6 }
-}
-
-/// A number without the dust of binary fractions.
-fn shortest(value: f64) -> f64 {
-    (value * 1e9).round() / 1e9
 }
 
 fn reason(left_open: &LeftOpen) -> String {

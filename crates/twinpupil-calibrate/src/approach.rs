@@ -1,0 +1,307 @@
+//! Poses and instrument as features alone tell them, without the frames that do not fit.
+
+use nalgebra::{Matrix4, Vector4};
+use twinpupil_instrument::{PixelPoint, Projection, Role};
+use twinpupil_reconstruct::{Feature, Reconstructor};
+
+use crate::adjust::{Adjusted, Dots, Observation};
+use crate::calibrate::{CalibrateError, Calibrator, Fault, FrameFault};
+use crate::forward::Slot;
+use crate::lattice::median;
+use crate::now::Now;
+use crate::pose::{Pose, Sight};
+use crate::seen::{Seen, on_page};
+use crate::unknown::Unknown;
+
+/// Tolerances from the data sheet beyond which a number is refused as long as features alone tell it.
+const SIGMAS_MAX: f64 = 6.0;
+
+/// χ² of a feature's numbers beyond which it is doubted: their deviations are rough.
+const DOUBT_CHI2: f64 = 25.0;
+
+/// How far the numbers of a feature may be from those of the dot's image.
+#[derive(Debug, Clone, Copy)]
+struct Trust {
+    /// Its centre, px.
+    centre_px: f64,
+    /// Its radius and that of its blur: of themselves, and px.
+    radius: [f64; 2],
+    blur: [f64; 2],
+}
+
+/// Before anything is known of the masks; and once it is known which dots they cut, of the others and of those.
+const ROUGH: Trust = Trust { centre_px: 0.1, radius: [0.02, 1.0], blur: [0.1, 0.7] };
+const WHOLE: Trust = Trust { centre_px: 0.01, radius: [0.01, 0.3], blur: [0.03, 0.5] };
+const CUT: Trust = Trust { centre_px: 2.0, radius: [0.1, 2.0], blur: [0.2, 2.0] };
+
+impl Calibrator<'_> {
+    /// Poses and instrument as the features alone tell them, without frames that do not fit.
+    pub(crate) fn approach(
+        &self,
+        reader: &Reconstructor,
+        unknowns: &[Unknown],
+        seen: &mut Vec<Seen<'_>>,
+        faults: &mut Vec<Fault>,
+    ) -> Result<Now, CalibrateError> {
+        let mut poses = Vec::new();
+        let bands = self.pair();
+        seen.retain(|one| match self.first_pose(one, bands) {
+            Some(pose) => {
+                poses.push(pose);
+                true
+            }
+            None => {
+                faults.push((one.frame, FrameFault::NoPose));
+                false
+            }
+        });
+        loop {
+            if seen.is_empty() {
+                return Err(CalibrateError::no_frames(faults));
+            }
+            let start = self.start(reader, unknowns, seen, poses.clone());
+            let observations = self.observations(&start, seen, |_| &ROUGH);
+            let adjusted = start.solved(unknowns, &observations, DOUBT_CHI2)?;
+            self.check_roles(&start, unknowns, seen, (&observations, &adjusted))?;
+            self.check_data_sheet(&start, unknowns, &adjusted, SIGMAS_MAX)?;
+            let now = start.moved_to(unknowns, adjusted)?;
+            let Some((place, fault)) = self.worst_fault(&now, seen, &observations) else {
+                return self.closer(&now, reader, unknowns, seen);
+            };
+            faults.push((seen.remove(place).frame, fault));
+            poses.remove(place);
+        }
+    }
+
+    /// Once more, now that it is known which dots the masks cut: the centres of the others are good to hundredths of a pixel.
+    fn closer(
+        &self,
+        now: &Now,
+        reader: &Reconstructor,
+        unknowns: &[Unknown],
+        seen: &[Seen<'_>],
+    ) -> Result<Now, CalibrateError> {
+        let observations = self.close_observations(now, reader, seen);
+        Ok(now.moved_to(unknowns, now.solved(unknowns, &observations, DOUBT_CHI2)?)?)
+    }
+
+    /// Poses of some frames anew, by their places among those seen, as the instrument sees them by now.
+    pub(crate) fn posed(
+        &self,
+        now: &Now,
+        reader: &Reconstructor,
+        seen: &[Seen<'_>],
+        is_sought: impl Fn(usize) -> bool,
+    ) -> Result<Now, CalibrateError> {
+        let mut observations = self.close_observations(now, reader, seen);
+        observations.retain(|observation| is_sought(observation.frame));
+        Ok(now.moved_to(&[], now.solved(&[], &observations, DOUBT_CHI2)?)?)
+    }
+
+    fn close_observations(&self, now: &Now, reader: &Reconstructor, seen: &[Seen<'_>]) -> Vec<Observation> {
+        let is_cut = |(place, one): (usize, &Seen<'_>)| -> Vec<Vec<bool>> {
+            self.known_dots(now, one, None, place).iter().map(|dot| reader.is_cut(dot)).collect()
+        };
+        let is_cut: Vec<Vec<Vec<bool>>> = seen.iter().enumerate().map(is_cut).collect();
+        let trust = |(place, band, dot): (usize, usize, usize)| if is_cut[place][dot][band] { &CUT } else { &WHOLE };
+        self.observations(now, seen, trust)
+    }
+
+    fn start(&self, reader: &Reconstructor, unknowns: &[Unknown], seen: &[Seen<'_>], poses: Vec<Pose>) -> Now {
+        let dots = Dots {
+            position_mm: self.target.dots().iter().map(|dot| dot.position_mm).collect(),
+            diameter_mm: self.target.dots().iter().map(|dot| dot.diameter_mm).collect(),
+            place_std_mm: self.place_std_mm,
+        };
+        let stage = seen.iter().map(|one| self.stage.get(one.frame).copied().flatten()).collect();
+        let optics = (reader.projections(), reader.lens_terms());
+        Now::start(self.instrument.clone(), optics, dots, unknowns, poses, stage)
+    }
+
+    /// The telecentric and the entocentric band.
+    fn pair(&self) -> [usize; 2] {
+        [Role::Telecentric, Role::Entocentric].map(|role| self.instrument.band_index(role))
+    }
+
+    /// The pose that the paper's equations give: x and y from the telecentric one of two bands, z from the ratio.
+    fn first_pose(&self, seen: &Seen<'_>, bands: [usize; 2]) -> Option<Pose> {
+        let [telecentric, entocentric] = self.instrument.projections();
+        let focus_mm = self.instrument.focus_distance_mm();
+        let sight = |(dot, feature): (usize, &Feature)| {
+            let other = seen.feature(bands[1], dot)?;
+            let [t, e] = [feature, other].map(|feature| self.instrument.sensor.image_from_pixel(feature.centre));
+            let m = telecentric.magnification(focus_mm);
+            let radii = [t.radius_mm(), e.radius_mm()];
+            // Of a lens of one focal length; what is left the adjustment finds.
+            let z_mm = entocentric.magnification(focus_mm) / m * focus_mm * radii[0] / radii[1].max(1e-9);
+            let target_mm = self.target.dots()[dot].position_mm;
+            Some(Sight { target_mm, seen_mm: [t.x_mm / m, t.y_mm / m, z_mm], weight: radii[0] * radii[0] })
+        };
+        let sights: Vec<Sight> = seen.dots(bands[0]).filter_map(sight).collect();
+        let pose = Pose::through(&sights)?;
+        (pose.translation_mm.z > 0.0).then_some(pose)
+    }
+
+    /// What the features of all frames tell, each as far as it is trusted, by frame, band and dot.
+    fn observations(
+        &self,
+        now: &Now,
+        seen: &[Seen<'_>],
+        trust: impl Fn((usize, usize, usize)) -> &'static Trust,
+    ) -> Vec<Observation> {
+        let problem = now.problem(&[], &[], 1.0);
+        let state = &now.adjusted.state;
+        let mut observations = Vec::new();
+        for (place, one) in seen.iter().enumerate() {
+            let pose = &state.poses[place];
+            for band in 0..one.sighting.len() {
+                for (dot, feature) in one.dots(band) {
+                    let foreseen = problem.image(band, dot, &now.cameras, state, pose);
+                    let image = self.image(band, feature, pose, &foreseen);
+                    let of = (place, band, dot);
+                    let information = trust(of).information(feature, &image);
+                    observations.push(Observation::new(of, image, Vector4::zeros(), information));
+                }
+            }
+        }
+        observations
+    }
+
+    /// u, v, radius and blur of the image of a dot as its feature tells them, px.
+    ///
+    /// A disc of radius a, blurred over one of radius b, has the light that a straight edge has at `t b` from itself nearer
+    /// to its centre by `(1 − t²) b²/6a`, the mean height of its arc over a chord of the blur. So the area where it is half
+    /// lit is `π (a² − b²/3)`, and an edge measured from there to t is `1 + t b/6a` times too wide.
+    fn image(&self, band: usize, feature: &Feature, pose: &Pose, foreseen: &Vector4<f64>) -> Vector4<f64> {
+        const COS_MIN: f64 = 0.2;
+        /// About where edges of features are measured.
+        const T: f64 = 0.8;
+        let PixelPoint { u, v } = on_page(self.instrument, band, feature.centre);
+        let half_lit_px = (feature.area_px / std::f64::consts::PI).sqrt();
+        let bend = T * feature.edge_px / (6.0 * half_lit_px);
+        let blur_px = feature.edge_px * 2.0 / (1.0 + (1.0 + 4.0 * bend).sqrt());
+        let area_px2 = half_lit_px * half_lit_px / pose.tilt_rad().cos().max(COS_MIN);
+        let radius_px = (area_px2 + blur_px * blur_px / 3.0).sqrt();
+        Vector4::new(u, v, radius_px.copysign(foreseen.z), blur_px.copysign(foreseen.w))
+    }
+
+    /// The frame that fits worst, if it does not fit at all.
+    fn worst_fault(&self, now: &Now, seen: &[Seen<'_>], observations: &[Observation]) -> Option<(usize, FrameFault)> {
+        const OFF_PX_MAX: f64 = 3.0;
+        const EXTRA_PX_MAX: f64 = 2.0;
+        const EXTRA_SHARE_MAX: f64 = 0.35;
+        let problem = now.problem(&[], &[], 1.0);
+        let state = &now.adjusted.state;
+        let fault = |place: usize| -> Option<(f64, FrameFault)> {
+            let own = || observations.iter().filter(|observation| observation.frame == place);
+            let image = |observation: &Observation| {
+                problem.image(observation.band, observation.dot, &now.cameras, state, &state.poses[place])
+            };
+            let off_px = median(own().map(|observation| (image(observation) - observation.anchor).xy().norm()));
+            if off_px > OFF_PX_MAX {
+                return Some((off_px, FrameFault::Unlike { off_px }));
+            }
+            // Motion and dirt widen edges in all bands.
+            let extra_px = |band: usize| {
+                let own = own().filter(|observation| observation.band == band);
+                median(own.map(|observation| {
+                    let (seen_px, foreseen_px) = (observation.anchor.w.abs(), image(observation).w.abs());
+                    let excess_px = seen_px - foreseen_px - EXTRA_SHARE_MAX * foreseen_px;
+                    if excess_px > EXTRA_PX_MAX { (seen_px.powi(2) - foreseen_px.powi(2)).sqrt() } else { 0.0 }
+                }))
+            };
+            let extra_px = (0..seen[place].sighting.len()).map(extra_px).fold(f64::INFINITY, f64::min);
+            let z_mm = state.poses[place].translation_mm.z;
+            (extra_px > 0.0).then_some((extra_px, FrameFault::Blurred { extra_px, z_mm }))
+        };
+        let faults = (0..seen.len()).filter_map(|place| Some((place, fault(place)?)));
+        faults.max_by(|a, b| a.1.0.total_cmp(&b.1.0)).map(|(place, (_, fault))| (place, fault))
+    }
+
+    /// Refuses bands whose roles explain the frames far better the other way round.
+    fn check_roles(
+        &self,
+        start: &Now,
+        unknowns: &[Unknown],
+        seen: &[Seen<'_>],
+        (observations, adjusted): (&[Observation], &Adjusted),
+    ) -> Result<(), CalibrateError> {
+        const POOR_CHI2: f64 = 8.0;
+        const BETTER: f64 = 0.2;
+        if adjusted.cost < POOR_CHI2 * observations.len() as f64 {
+            return Ok(());
+        }
+        let [telecentric, entocentric] = self.pair();
+        let poses: Option<Vec<Pose>> =
+            seen.iter().map(|one| self.first_pose(one, [entocentric, telecentric])).collect();
+        let Some(poses) = poses else { return Ok(()) };
+        let swapped: Vec<Observation> = observations
+            .iter()
+            .map(|observation| {
+                let band = match observation.band {
+                    band if band == telecentric => entocentric,
+                    band if band == entocentric => telecentric,
+                    band => band,
+                };
+                // Blur tells nothing of masks that are others.
+                let mut information = observation.information;
+                information[(3, 3)] = 0.0;
+                let Observation { frame, dot, anchor, score, .. } = *observation;
+                Observation::new((frame, band, dot), anchor, score, information)
+            })
+            .collect();
+        let mut start = start.clone();
+        start.adjusted.state.poses = poses;
+        let Ok(other) = start.solved(unknowns, &swapped, DOUBT_CHI2) else { return Ok(()) };
+        if other.cost < BETTER * adjusted.cost {
+            let [telecentric, entocentric] =
+                [telecentric, entocentric].map(|band| self.instrument.bands[band].name.clone());
+            return Err(CalibrateError::Swapped { telecentric, entocentric });
+        }
+        Ok(())
+    }
+
+    /// Refuses numbers that no camera of this data sheet has, adjusted from where `now` is.
+    pub(crate) fn check_data_sheet(
+        &self,
+        now: &Now,
+        unknowns: &[Unknown],
+        adjusted: &Adjusted,
+        sigmas_max: f64,
+    ) -> Result<(), CalibrateError> {
+        let values = &adjusted.state.values;
+        let sigmas = |(unknown, value): &(&Unknown, &f64)| ((*value - unknown.expected) / unknown.prior_std).abs();
+        let worst = unknowns.iter().zip(values).max_by(|a, b| sigmas(a).total_cmp(&sigmas(b)));
+        let Some(worst) = worst.filter(|worst| sigmas(worst) > sigmas_max) else { return Ok(()) };
+        let focus_mm = self.instrument.focus_distance_mm();
+        let [stated, _] = self.instrument.projections();
+        let cameras = now.problem(unknowns, &[], 1.0).cameras_of(values);
+        let slots = &cameras[self.instrument.band_index(Role::Telecentric)].slots;
+        let found = Projection {
+            sensor_distance_mm: slots[Slot::SensorDistance as usize],
+            focal_length_mm: slots[Slot::FocalLength as usize],
+            pupil_position_mm: slots[Slot::PupilPosition as usize],
+            ..stated
+        };
+        let growth = found.magnification(focus_mm) / stated.magnification(focus_mm);
+        let pitch_mm = self.target.spec().pitch_mm;
+        Err(CalibrateError::OffDataSheet {
+            key: worst.0.quantity.key(self.instrument),
+            found: *worst.1,
+            expected: worst.0.expected,
+            sigmas: sigmas(&worst),
+            pitch_mm,
+            likely_pitch_mm: pitch_mm * growth,
+        })
+    }
+}
+
+impl Trust {
+    fn information(&self, feature: &Feature, image: &Vector4<f64>) -> Matrix4<f64> {
+        let [std_u_px, std_v_px] = feature.centre_std_px;
+        let centre_px = self.centre_px.hypot(std_u_px).hypot(std_v_px);
+        let of = |[share, least_px]: [f64; 2], value_px: f64| share * value_px.abs() + least_px;
+        let stds_px = [centre_px, centre_px, of(self.radius, image.z), of(self.blur, image.w)];
+        Matrix4::from_diagonal(&Vector4::from(stds_px.map(|std_px| std_px.powi(-2))))
+    }
+}

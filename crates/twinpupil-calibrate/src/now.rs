@@ -1,0 +1,154 @@
+//! Where a calibration stands between its steps.
+
+use nalgebra::DMatrix;
+use twinpupil_instrument::check::ValueError;
+use twinpupil_instrument::{Band, Instrument, LensTerms, Projection};
+
+use crate::adjust::{Adjusted, BandCamera, Dots, Observation, Problem, State};
+use crate::calibrate::CalibrateError;
+use crate::camera::cameras;
+use crate::pose::Pose;
+use crate::stage::{StagePosition, Way};
+use crate::unknown::{Quantity, Unknown};
+
+/// χ² of one spot's four numbers beyond which it is doubted, over that of the typical spot.
+const DOUBT: f64 = 20.0;
+
+/// χ² of four numbers that half of all exceed.
+const MEDIAN_CHI2: f64 = 3.357;
+
+const UNSOLVED: CalibrateError = CalibrateError::Undetermined("their equations have no solution");
+
+/// Where the calibration stands.
+#[derive(Debug, Clone)]
+pub(crate) struct Now {
+    pub(crate) instrument: Instrument,
+    pub(crate) projections: Vec<Projection>,
+    /// What the lens adds to them, band by band.
+    pub(crate) lens: Vec<LensTerms>,
+    pub(crate) cameras: Vec<BandCamera>,
+    pub(crate) dots: Dots,
+    /// Of every frame that is used.
+    pub(crate) stage: Vec<Option<StagePosition>>,
+    pub(crate) diameter_scale: f64,
+    pub(crate) adjusted: Adjusted,
+}
+
+impl Now {
+    /// At the data sheet, which makes images by these projections and what the lens adds to them, with rough poses.
+    pub(crate) fn start(
+        instrument: Instrument,
+        (projections, lens): (Vec<Projection>, Vec<LensTerms>),
+        dots: Dots,
+        unknowns: &[Unknown],
+        poses: Vec<Pose>,
+        stage: Vec<Option<StagePosition>>,
+    ) -> Self {
+        let cameras = cameras(&instrument, &projections, &lens, 1.0);
+        let state = State {
+            values: unknowns.iter().map(|unknown| unknown.expected).collect(),
+            way: Way::through(&poses, &stage),
+            poses,
+            offsets_mm: vec![[0.0; 2]; dots.position_mm.len()],
+        };
+        let adjusted =
+            Adjusted { state, covariance: DMatrix::zeros(0, 0), pose_covariances: Vec::new(), cost: f64::INFINITY };
+        Self { instrument, projections, lens, cameras, dots, stage, diameter_scale: 1.0, adjusted }
+    }
+
+    /// The adjustment of these unknowns, and of the poses, to observations.
+    pub(crate) fn problem<'a>(
+        &'a self,
+        unknowns: &'a [Unknown],
+        observations: &'a [Observation],
+        doubt_chi2: f64,
+    ) -> Problem<'a> {
+        Problem {
+            pitch_mm: self.instrument.sensor.pitch_mm,
+            cameras: &self.cameras,
+            unknowns,
+            start: &self.adjusted.state.values,
+            dots: &self.dots,
+            observations,
+            // Poses that are fitted alone are seen by the camera alone.
+            stage: if unknowns.is_empty() { &[] } else { &self.stage },
+            doubt_chi2,
+        }
+    }
+
+    /// Adjusted to observations, some of which may be wrong: what counts as doubtful depends on how well the rest is explained.
+    pub(crate) fn adjusted_to(
+        &self,
+        unknowns: &[Unknown],
+        observations: &[Observation],
+    ) -> Result<Self, CalibrateError> {
+        let mut adjusted = self.solved(unknowns, observations, DOUBT)?;
+        let problem = self.problem(unknowns, observations, DOUBT);
+        let scale = problem.typical_chi2(&adjusted.state) / MEDIAN_CHI2;
+        if scale > 1.0 {
+            let problem = self.problem(unknowns, observations, DOUBT * scale);
+            adjusted = problem.adjust(adjusted.state).ok_or(UNSOLVED)?;
+        }
+        Ok(self.moved_to(unknowns, adjusted)?)
+    }
+
+    /// What explains observations best that are doubted beyond a χ² of `doubt_chi2`.
+    pub(crate) fn solved(
+        &self,
+        unknowns: &[Unknown],
+        observations: &[Observation],
+        doubt_chi2: f64,
+    ) -> Result<Adjusted, CalibrateError> {
+        let problem = self.problem(unknowns, observations, doubt_chi2);
+        problem.adjust(self.adjusted.state.clone()).ok_or(UNSOLVED)
+    }
+
+    /// The instrument that the adjusted unknowns make.
+    pub(crate) fn moved_to(&self, unknowns: &[Unknown], adjusted: Adjusted) -> Result<Self, ValueError> {
+        let mut spec = self.instrument.clone().into_spec();
+        let mut diameter_scale = self.diameter_scale;
+        for (unknown, value) in unknowns.iter().zip(&adjusted.state.values) {
+            match unknown.quantity {
+                Quantity::Instrument(parameter) => parameter.set(&mut spec, *value),
+                Quantity::DotDiameter => diameter_scale = *value,
+            }
+        }
+        let instrument = Instrument::new(spec)?;
+        // Until it is traced anew, a real lens has its focal lengths in the proportions that it had.
+        let projection = |(band, before): (&Band, &Projection)| {
+            let [stated, stated_before] =
+                [&instrument, &self.instrument].map(|instrument| instrument.projection(band).focal_length_mm);
+            let focal_length_mm = before.focal_length_mm / stated_before * stated;
+            Projection { focal_length_mm, ..instrument.projection(band) }
+        };
+        let projections = instrument.bands.iter().zip(&self.projections).map(projection).collect();
+        let mut next = Self {
+            instrument,
+            projections: Vec::new(),
+            lens: Vec::new(),
+            cameras: Vec::new(),
+            dots: self.dots.clone(),
+            stage: self.stage.clone(),
+            diameter_scale,
+            adjusted,
+        };
+        next.see_through(projections, self.lens.clone());
+        Ok(next)
+    }
+
+    /// Takes the bands' projections from the optics, and what the lens adds to them.
+    pub(crate) fn see_through(&mut self, projections: Vec<Projection>, lens: Vec<LensTerms>) {
+        self.cameras = cameras(&self.instrument, &projections, &lens, self.diameter_scale);
+        self.lens = lens;
+        self.projections = projections;
+    }
+
+    /// The largest change of an unknown since `before`, in its deviations.
+    pub(crate) fn moved_sigmas(&self, before: &Self, unknowns: &[Unknown]) -> f64 {
+        let values = self.adjusted.state.values.iter().zip(&before.adjusted.state.values);
+        let sigmas = values.zip(unknowns).enumerate().map(|(k, ((after, before), unknown))| {
+            (after - before).abs() / (unknown.prior_std * self.adjusted.covariance[(k, k)].sqrt())
+        });
+        sigmas.fold(0.0, f64::max)
+    }
+}
