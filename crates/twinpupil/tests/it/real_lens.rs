@@ -61,7 +61,7 @@ fn a_lens_file_becomes_a_camera_that_measures_depth() {
     );
     workplace.write(
         "plate.toml",
-        "schema = 1\nname = \"plate\"\nseed = 7\n[plate]\ndistance_mm = 300.0\ntilt_deg = 30.0\npattern = \"random-dots\"\n\
+        "schema = 1\nname = \"plate\"\nseed = 7\n[plate]\ndistance_mm = 308.0\ntilt_deg = 30.0\npattern = \"random-dots\"\n\
          count = 40\ndiameter_mm = 1.0\nr_min_mm = 2.0\nr_max_mm = 6.0\ngap_mm = 0.4\n",
     );
     workplace
