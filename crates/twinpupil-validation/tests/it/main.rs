@@ -9,3 +9,4 @@ mod limit;
 mod published;
 mod real_disks;
 mod scenes;
+mod strangers;
