@@ -10,3 +10,4 @@ mod published;
 mod real_disks;
 mod real_lens;
 mod scenes;
+mod strangers;
