@@ -52,15 +52,15 @@ pub(super) fn page(designed: &Designed) -> Report {
     report.figures(&[Figure::new(plot(choices, chosen), "Precision over light; the choice is marked.")]);
     let row = |choice: &Choice| {
         let mut cells = choice_cells(choice);
-        cells[6] += if choice == chosen { " ←" } else { "" };
-        cells[6] += if choice.is_fit { "" } else { " (unfit)" };
+        cells[8] += if choice == chosen { " ←" } else { "" };
+        cells[8] += if choice.is_fit { "" } else { " (unfit)" };
         cells
     };
     report.table(&columns_of(&CHOICE), &choices.iter().map(row).collect::<Vec<_>>());
     report
 }
 
-fn columns_of(heads: &[&str; 7]) -> [Column; 7] {
+fn columns_of<const N: usize>(heads: &[&str; N]) -> [Column; N] {
     heads.map(Column::number)
 }
 

@@ -8,9 +8,18 @@ use super::Designed;
 use crate::design::{Choice, Design};
 use crate::text_table::render;
 
-/// Heads of the columns that tell of a choice.
-pub(super) const CHOICE: [&str; 7] =
-    ["radii, mm", "on the lens, f/100", "electrons", "blur near, px", "blur far, px", "blind r, mm", "σ_z, µm"];
+/// Heads of the columns that tell of a choice: radii of the masks, and of the pupils that they make on the lens.
+pub(super) const CHOICE: [&str; 9] = [
+    "telecentric, mm",
+    "its pupil, f/100",
+    "entocentric, mm",
+    "its pupil, f/100",
+    "electrons",
+    "blur near, px",
+    "blur far, px",
+    "blind r, mm",
+    "σ_z, µm",
+];
 
 /// Heads of the columns that tell of the two bands.
 pub(super) const BANDS: [&str; 7] =
@@ -22,10 +31,12 @@ pub(super) fn sensor_behind_mm(design: &Design) -> f64 {
 }
 
 /// A choice, cell by cell.
-pub(super) fn choice_cells(choice: &Choice) -> [String; 7] {
+pub(super) fn choice_cells(choice: &Choice) -> [String; 9] {
     [
-        format!("{} {}", choice.radii_mm[0], choice.radii_mm[1]),
-        format!("{:.2} {:.2}", 100.0 * choice.shares[0], 100.0 * choice.shares[1]),
+        format!("{:.2}", choice.radii_mm[0]),
+        format!("{:.2}", 100.0 * choice.shares[0]),
+        format!("{:.2}", choice.radii_mm[1]),
+        format!("{:.2}", 100.0 * choice.shares[1]),
         format!("{:.0}", choice.electrons),
         format!("{:.1}", choice.blur_px[0]),
         format!("{:.1}", choice.blur_px[1]),
@@ -101,7 +112,7 @@ pub(super) fn tables(designed: &Designed) -> String {
     let marked = |choice: &Choice| {
         let mut cells = choice_cells(choice);
         let mark = if choice == chosen { " ←" } else { "" };
-        cells[6] += if choice.is_fit { mark } else { " unfit" };
+        cells[8] += if choice.is_fit { mark } else { " unfit" };
         cells
     };
     text += &render(CHOICE, &choices.iter().map(marked).collect::<Vec<_>>());
