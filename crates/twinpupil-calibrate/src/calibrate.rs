@@ -131,9 +131,12 @@ pub struct Calibrator<'a> {
 /// A frame's index and why it is left out.
 pub type Fault = (usize, FrameFault);
 
-/// Times that frames are compared at most, and the change of the unknowns in their deviations that is none.
+/// Times that frames are compared at most, and the change of the unknowns in their deviations that is none; or that of the
+/// next one, as far as it can be foreseen, once they are as near as that.
 const COMPARISONS: usize = 8;
 const RESTING_SIGMAS: f64 = 0.1;
+const FORESEEN_SIGMAS: f64 = 0.3;
+const NEAR_SIGMAS: f64 = 1.0;
 
 /// Frames that go ahead of the others, so that those have to be compared only from near where they end; they are kept at hand
 /// if all of them together take no more than so many bytes.
@@ -217,17 +220,25 @@ impl<'a> Calibrator<'a> {
         before: Comparison,
     ) -> Result<(Now, Comparison), CalibrateError> {
         let mut comparison = self.compare(&mut now, frames, &before.lights, 0)?;
+        let mut last_moved = 0.0;
         for round in 1..=COMPARISONS {
             let next = now.adjusted_to(unknowns, &comparison.observations)?;
             let moved = next.moved_sigmas(&now, unknowns);
             now = next;
-            if moved < RESTING_SIGMAS || round == COMPARISONS {
+            if rests(moved, last_moved) || round == COMPARISONS {
                 break;
             }
+            last_moved = moved;
             comparison = self.compare(&mut now, frames, &comparison.lights, round)?;
         }
         Ok((now, comparison))
     }
+}
+
+/// Whether unknowns that moved by so many of their deviations, and before by so many, will hardly move any more: each step is
+/// about as much shorter than the one before as that was.
+fn rests(moved: f64, last_moved: f64) -> bool {
+    moved < RESTING_SIGMAS || moved < NEAR_SIGMAS && moved * moved < FORESEEN_SIGMAS * last_moved
 }
 
 /// Whether a frame is one of those that go ahead, which are spread evenly over all.
