@@ -18,19 +18,20 @@ const DISC_BYTES: usize = 5;
 const QUANTUM_EFFICIENCY: &str = "wavelength_nm,r,g,b,0,1,45,90,135\n\
     400,0.1,0.1,0.9,0.1,0.9,0.5,0.9,0.5\n700,0.9,0.1,0.1,0.9,0.1,0.5,0.1,0.5\n";
 
-/// For every mosaic, a camera that reads by the paper's equations, one that inverts the forward model, and one that
-/// takes off crosstalk before.
-static CAMERAS: LazyLock<Vec<(Instrument, [Reconstructor; 3])>> = LazyLock::new(|| Mosaic::ALL.map(camera).to_vec());
+/// For every mosaic, a camera that reads by the paper's equations, one that inverts the forward model, one that takes off
+/// crosstalk before, and one that compares every pixel with it.
+static CAMERAS: LazyLock<Vec<(Instrument, [Reconstructor; 4])>> = LazyLock::new(|| Mosaic::ALL.map(camera).to_vec());
 
-fn camera(mosaic: Mosaic) -> (Instrument, [Reconstructor; 3]) {
+fn camera(mosaic: Mosaic) -> (Instrument, [Reconstructor; 4]) {
     let instrument = instrument(mosaic);
     let table = twinpupil_optics::response_table_for(&instrument).expect("traceable");
     let quantum_efficiency = SpectralTable::from_csv(QUANTUM_EFFICIENCY).expect("legal");
     let filters = SpectralTable::nominal_filters();
     let response = ResponseMatrix::from_curves(&instrument.bands, mosaic, &quantum_efficiency, &filters).expect("seen");
     let reader = |mode, table| Reconstructor::new(instrument.clone(), table, Options { mode, ..Options::default() });
-    let inverting = reader(Mode::Centroid, Some(table));
-    let readers = [reader(Mode::Paper, None), inverting.clone(), inverting.unmixing(&response)];
+    let inverting = reader(Mode::Centroid, Some(table.clone()));
+    let comparing = reader(Mode::Model, Some(table));
+    let readers = [reader(Mode::Paper, None), inverting.clone(), inverting.unmixing(&response), comparing];
     (instrument, readers)
 }
 
@@ -40,7 +41,7 @@ fuzz_target!(|bytes: &[u8]| {
     let (discs, texture) = rest.split_at((usize::from(discs % 32) * DISC_BYTES).min(rest.len()));
     let frame = frame(instrument.pages(), discs, texture);
     for reader in readers {
-        let reconstruction = reader.frame(&frame).expect("the frame has the sensor's size");
+        let reconstruction = reader.reconstruct(&frame).expect("the frame has the sensor's size");
         check_numbers(&reconstruction);
         check_balance(instrument, reader, &frame, &reconstruction);
     }
