@@ -72,7 +72,6 @@ impl Reconstructor {
         let mut all: Vec<(Group, Option<Placed>)> = groups.drain(..).zip(points.drain(..)).collect();
         all.sort_by_key(|(group, _)| group.pair.telecentric);
         (*groups, *points) = all.into_iter().unzip();
-        groups.iter_mut().for_each(|group| group.further.clear());
         self.find_further(detections, groups, points);
     }
 }

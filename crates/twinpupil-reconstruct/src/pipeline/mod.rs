@@ -625,25 +625,16 @@ impl Reconstructor {
             slopes.lay_through(points.iter().flatten().map(|placed| placed.point.position_mm));
         }
         if tilts || detections.len() > 2 {
-            for (point, group) in points.iter_mut().zip(groups) {
-                if let Some(placed) = point {
-                    placed.further.clear();
-                    placed.further.extend(
-                        group
-                            .further
-                            .iter()
-                            .enumerate()
-                            .map(|(k, index)| index.map(|index| detections[2 + k].features[index])),
-                    );
-                    let slopes = if tilts { slopes.at(placed.point.position_mm).unwrap_or_default() } else { [0.0; 2] };
-                    self.place_again(placed, slopes, sightings);
-                }
+            for placed in points.iter_mut().flatten() {
+                let slopes = if tilts { slopes.at(placed.point.position_mm).unwrap_or_default() } else { [0.0; 2] };
+                self.place_again(placed, slopes, sightings);
             }
         }
     }
 
-    /// Adds to every group what the further bands show where its point is predicted.
-    fn find_further(&self, detections: &[Detection], groups: &mut [Group], points: &[Option<Placed>]) {
+    /// Gives every group and its point what the further bands show where that is predicted.
+    fn find_further(&self, detections: &[Detection], groups: &mut [Group], points: &mut [Option<Placed>]) {
+        groups.iter_mut().for_each(|group| group.further.clear());
         for (band, detection) in detections.iter().enumerate().skip(2) {
             let predicted: Vec<Option<PixelPoint>> = points
                 .iter()
@@ -655,6 +646,13 @@ impl Reconstructor {
                 .collect();
             let found = match_predicted(&predicted, &detection.features, self.options.matching.prediction_tolerance_px);
             groups.iter_mut().zip(found).for_each(|(group, feature)| group.further.push(feature));
+        }
+        for (group, placed) in groups.iter().zip(points) {
+            if let Some(placed) = placed {
+                let shown = group.further.iter().zip(&detections[2..]);
+                placed.further.clear();
+                placed.further.extend(shown.map(|(index, detection)| index.map(|index| detection.features[index])));
+            }
         }
     }
 
