@@ -1,7 +1,7 @@
 //! How wide the pupils should be.
 
 use anyhow::Result;
-use twinpupil_instrument::{Instrument, Lens, Projection, Role, ThinLens};
+use twinpupil_instrument::{Instrument, Lens, Role, ThinLens};
 use twinpupil_optics::Camera;
 use twinpupil_simulate::{DotSpec, Scene, SceneSpec, dot_bounds};
 
@@ -53,7 +53,7 @@ pub struct Choice {
 /// Every pair of radii to be tried.
 pub fn choices(design: &Design) -> Result<Vec<[f64; 2]>> {
     let unit = design.instrument("unit", [1.0, 1.0])?;
-    let on_lens = pair(&unit).map(|projection| projection.lens_radius_mm(unit.focus_distance_mm()));
+    let on_lens = unit.projections().map(|projection| projection.lens_radius_mm(unit.focus_distance_mm()));
     let radius_mm = |band: usize, factor: f64| factor * SHARE * unit.lens.focal_length_mm() / on_lens[band];
     let round = |mm: f64| (100.0 * mm).round().max(1.0) / 100.0;
     let pairs = FACTORS.into_iter().flat_map(|tele| FACTORS.map(|ento| [tele, ento]));
@@ -63,7 +63,7 @@ pub fn choices(design: &Design) -> Result<Vec<[f64; 2]>> {
 /// What a pair of radii makes of the camera, behind an ideal lens of the same first order: aberrations cost no precision.
 pub fn sweep(design: &Design, radii_mm: [f64; 2], light: &Light, blind_mm_max: f64) -> Result<Choice> {
     let instrument = ideal(&design.instrument("swept", radii_mm)?)?;
-    let (focus_mm, pair) = (instrument.focus_distance_mm(), pair(&instrument));
+    let (focus_mm, pair) = (instrument.focus_distance_mm(), instrument.projections());
     let range = instrument.depth_range();
     let on_lens_mm = pair.map(|projection| projection.lens_radius_mm(focus_mm));
     let shares = on_lens_mm.map(|mm| mm / instrument.lens.focal_length_mm());
@@ -96,11 +96,6 @@ pub fn best(choices: &[Choice]) -> Option<Choice> {
         fit.min_by(|a, b| a.z_std_mm.total_cmp(&b.z_std_mm)).copied()
     };
     of(true).or_else(|| of(false))
-}
-
-/// The projections of the telecentric and the entocentric band.
-fn pair(instrument: &Instrument) -> [Projection; 2] {
-    instrument.projections()
 }
 
 /// The camera behind an ideal lens: each mask where the band sees it whose pupil it is.
@@ -169,7 +164,8 @@ pub(super) fn seen_radius_mm(instrument: &Instrument, z_mm: f64) -> f64 {
         sensor.pitch_mm * sensor.axis_px[axis].min(last_px - sensor.axis_px[axis])
     };
     let half_mm = half_mm(0).min(half_mm(1));
-    let seen = pair(instrument)
+    let seen = instrument
+        .projections()
         .map(|projection| (half_mm - projection.blur_radius_mm(z_mm)) / projection.magnification(z_mm).abs());
     seen[0].min(seen[1])
 }

@@ -3,7 +3,7 @@
 use twinpupil_instrument::DepthRange;
 
 use super::Designed;
-use super::text::{BANDS, CHOICE, band_cells, choice_cells, places};
+use super::text::{BANDS, CHOICE, band_cells, marked_cells, places};
 use crate::design::Choice;
 use crate::plot::{Chart, Colour, Stroke};
 use crate::report::{Column, Figure, Headline, Report};
@@ -50,12 +50,7 @@ pub(super) fn page(designed: &Designed) -> Report {
          the range, or is blind too far from the axis.",
     );
     report.figures(&[Figure::new(plot(choices, chosen), "Precision over light; the choice is marked.")]);
-    let row = |choice: &Choice| {
-        let mut cells = choice_cells(choice);
-        cells[8] += if choice == chosen { " ←" } else { "" };
-        cells[8] += if choice.is_fit { "" } else { " (unfit)" };
-        cells
-    };
+    let row = |choice: &Choice| marked_cells(choice, chosen, " (unfit)");
     report.table(&columns_of(&CHOICE), &choices.iter().map(row).collect::<Vec<_>>());
     report
 }

@@ -31,7 +31,7 @@ pub(super) fn sensor_behind_mm(design: &Design) -> f64 {
 }
 
 /// A choice, cell by cell.
-pub(super) fn choice_cells(choice: &Choice) -> [String; 9] {
+fn choice_cells(choice: &Choice) -> [String; 9] {
     [
         format!("{:.2}", choice.radii_mm[0]),
         format!("{:.2}", 100.0 * choice.shares[0]),
@@ -43,6 +43,14 @@ pub(super) fn choice_cells(choice: &Choice) -> [String; 9] {
         format!("{:.2}", choice.blind_mm),
         format!("{:.2}", 1000.0 * choice.z_std_mm),
     ]
+}
+
+/// The same, and at the end whether it is the one that was chosen, or `unfit`.
+pub(super) fn marked_cells(choice: &Choice, chosen: &Choice, unfit: &str) -> [String; 9] {
+    let mut cells = choice_cells(choice);
+    cells[8] += if choice == chosen { " ←" } else { "" };
+    cells[8] += if choice.is_fit { "" } else { unfit };
+    cells
 }
 
 /// The bands, cell by cell.
@@ -109,12 +117,7 @@ pub(super) fn tables(designed: &Designed) -> String {
         "\nwithin {:.2} mm of the axis at the middle distance; focal lengths taken for one would cost {:.3} mm of depth\n",
         check.field_radius_mm, check.chromatic_error_mm
     );
-    let marked = |choice: &Choice| {
-        let mut cells = choice_cells(choice);
-        let mark = if choice == chosen { " ←" } else { "" };
-        cells[8] += if choice.is_fit { mark } else { " unfit" };
-        cells
-    };
+    let marked = |choice: &Choice| marked_cells(choice, chosen, " unfit");
     text += &render(CHOICE, &choices.iter().map(marked).collect::<Vec<_>>());
     let _ =
         writeln!(text, "\nthrough the real lens: σ_z {:.2} µm, the bound of every reading", 1000.0 * check.z_std_mm);
