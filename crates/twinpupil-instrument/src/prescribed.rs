@@ -138,7 +138,16 @@ impl PrescriptionLens {
     /// # Errors
     /// Where a material is not known, or not at that wavelength.
     pub fn image_of_mask(&self, place: MaskPlace, wavelength_nm: f64) -> Result<MaskImage, ValueError> {
-        Ok(self.thick(wavelength_nm, "wavelength_nm")?.image_of_mask(place.surface, place.behind_mm))
+        Ok(self.images_of_masks(wavelength_nm)?(place))
+    }
+
+    /// The same for masks wherever they may be.
+    ///
+    /// # Errors
+    /// Where a material is not known, or not at that wavelength.
+    pub fn images_of_masks(&self, wavelength_nm: f64) -> Result<impl Fn(MaskPlace) -> MaskImage + use<>, ValueError> {
+        let lens = self.thick(wavelength_nm, "wavelength_nm")?;
+        Ok(move |place: MaskPlace| lens.image_of_mask(place.surface, place.behind_mm))
     }
 
     /// Where masks of a camera stand.

@@ -55,13 +55,14 @@ pub fn entocentric_place(
     rooms: &[Room],
     wavelength_nm: f64,
 ) -> Result<Option<(MaskPlace, MaskImage)>, ValueError> {
+    let image_of = lens.images_of_masks(wavelength_nm)?;
     let mut best: Option<(MaskPlace, MaskImage)> = None;
     for room in rooms {
         let steps = ((room.to_mm - room.from_mm) / STEP_MM).floor() as usize;
         for step in 0..=steps {
             let behind_mm = (100.0 * (room.from_mm + STEP_MM * step as f64)).round() / 100.0;
             let place = MaskPlace { surface: room.surface, behind_mm };
-            let image = lens.image_of_mask(place, wavelength_nm)?;
+            let image = image_of(place);
             let is_nearer = best.is_none_or(|(_, best)| image.position_mm.abs() < best.position_mm.abs());
             if image.scale > 0.0 && is_nearer {
                 best = Some((place, image));
