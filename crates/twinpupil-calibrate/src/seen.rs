@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 use twinpupil_instrument::{Frame, Instrument, PixelPoint};
-use twinpupil_reconstruct::{Detection, Feature, KnownLight, Polarity};
+use twinpupil_reconstruct::{Detection, Feature, KnownLight};
 
 use crate::lattice::{Spot, median};
 use crate::sighting::{Labelled, Sighting, SightingError, recognise};
@@ -30,8 +30,7 @@ impl<'a> Seen<'a> {
         instrument: &Instrument,
         target: &Target,
     ) -> Result<Self, SightingError> {
-        let sign = |detection: &Detection| if detection.polarity == Polarity::Dark { -1.0 } else { 1.0 };
-        let signs = detections.iter().map(sign).collect();
+        let signs = detections.iter().map(|detection| detection.polarity.sign()).collect();
         let whole =
             |detection: Detection| detection.features.into_iter().filter(|feature| !feature.saturated).collect();
         let features: Vec<Vec<Feature>> = detections.into_iter().map(whole).collect();

@@ -40,7 +40,7 @@ impl Grid {
 }
 
 /// What reaches the sensor from one object point through one band.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct PointResponse {
     /// Light that arrives, relative to the unclipped pupil.
     pub throughput: f64,
@@ -250,7 +250,7 @@ mod tests {
                 throughput: 1.0,
                 radial_deviation_mm: aberration_mm,
                 aberration_mm,
-                spread: PointSpread::default(),
+                ..PointResponse::default()
             }
         };
         let band = BandResponse {
@@ -273,8 +273,7 @@ mod tests {
             .map(|n| PointResponse {
                 throughput: 1.0,
                 radial_deviation_mm: deviation(r_mm.node(n % 5), z_mm.node(n / 5)),
-                aberration_mm: 0.0,
-                spread: PointSpread::default(),
+                ..PointResponse::default()
             })
             .collect();
         let image_radius_mm = Grid::spanning(0.0, 2.0, 3);

@@ -3,6 +3,7 @@
 use twinpupil_instrument::PlaneView;
 
 use crate::noise::Noise;
+use crate::quantile::STD_PER_DISTANCE;
 use crate::shading::Shading;
 use crate::surface::{Sample, Surface};
 
@@ -14,6 +15,16 @@ pub enum Polarity {
     Bright,
     /// Dark features on bright ground.
     Dark,
+}
+
+impl Polarity {
+    /// Of the contrast of features: 1 or −1.
+    pub fn sign(self) -> f64 {
+        match self {
+            Self::Bright => 1.0,
+            Self::Dark => -1.0,
+        }
+    }
 }
 
 /// Number of pixels that tell the background, about; they are spread evenly over the plane.
@@ -126,7 +137,7 @@ pub(crate) fn measured_noise(plane: &PlaneView<'_>) -> f64 {
         let codes: Vec<f32> = plane.row(row).map(f32::from).collect();
         differences.extend(codes.windows(3).step_by(stride).map(|c| (c[0] - 2.0 * c[1] + c[2]).abs()));
     }
-    1.4826 * f64::from(quantile(&mut differences, 0.5)) / 6.0_f64.sqrt()
+    STD_PER_DISTANCE * f64::from(quantile(&mut differences, 0.5)) / 6.0_f64.sqrt()
 }
 
 /// The value below which a share of `values` lies; 0 if there are none. Reorders `values`.

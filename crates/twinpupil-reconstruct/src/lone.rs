@@ -1,7 +1,6 @@
 //! The centre of a feature that stands alone: all light in its window is its own, so one pass over the window's rows
 //! tells all.
 
-use crate::background::Polarity;
 use crate::centroid::Centre;
 use crate::lattice::Shape;
 use crate::noise::Noise;
@@ -20,9 +19,8 @@ pub(crate) struct Scatter {
 impl Scatter {
     /// Of pixels on a ground.
     pub(crate) fn on(ground: &Ground, noise: &Noise) -> Self {
-        let side = if ground.polarity == Polarity::Bright { 1.0 } else { -1.0 };
         let variance = noise.variance(ground.level);
-        Self { ground: variance, growth: noise.variance(ground.level + side) - variance }
+        Self { ground: variance, growth: noise.variance(ground.level + ground.polarity.sign()) - variance }
     }
 
     /// Variance of the light of so many pixels.

@@ -6,6 +6,7 @@ use crate::assignment::{Assignment, Edge, Edges};
 use crate::cells::Cells;
 use crate::detect::Feature;
 use crate::model::Model;
+use crate::quantile::STD_PER_DISTANCE;
 
 /// How features are paired.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -117,7 +118,7 @@ fn drop_strays(pairs: &mut Vec<Match>, sizes_px: &mut Vec<f64>) {
     sizes_px.extend(pairs.iter().map(|pair| pair.azimuth_residual_px.abs()));
     let middle = sizes_px.len() / 2;
     let median_px = *sizes_px.select_nth_unstable_by(middle, f64::total_cmp).1;
-    let limit_px = SIGMAS * (1.4826 * median_px).max(STD_MIN_PX);
+    let limit_px = SIGMAS * (STD_PER_DISTANCE * median_px).max(STD_MIN_PX);
     pairs.retain(|pair| pair.azimuth_residual_px.abs() <= limit_px);
 }
 

@@ -376,7 +376,7 @@ mod tests {
     use super::*;
     const FACING: Disc = Disc { diameter_mm: 1.0, slopes: [0.0; 2] };
 
-    use twinpupil_instrument::{BandResponse, Grid, PointResponse, PointSpread, paper};
+    use twinpupil_instrument::{BandResponse, Grid, PointResponse, paper};
 
     fn table(response: impl Fn(f64) -> PointResponse) -> ResponseTable {
         let (r_mm, z_mm) = (Grid::spanning(0.0, 10.0, 401), Grid::spanning(240.0, 360.0, 2));
@@ -394,12 +394,7 @@ mod tests {
 
     #[test]
     fn an_ideal_response_is_first_order() {
-        let ideal = table(|_| PointResponse {
-            throughput: 1.0,
-            radial_deviation_mm: 0.0,
-            aberration_mm: 0.0,
-            spread: PointSpread::default(),
-        });
+        let ideal = table(|_| PointResponse { throughput: 1.0, ..PointResponse::default() });
         let model = Model::new(&paper::instrument(), Some(ideal));
         let object_mm = [3.0, -1.0, 280.0];
         for band in [0, 1] {
@@ -411,12 +406,7 @@ mod tests {
     #[test]
     fn linear_shading_moves_a_disc_by_a_quarter_of_its_radius_squared() {
         // ∫ (1 + g ξ) ξ dA / ∫ (1 + g ξ) dA = g a²/4 for a disc of radius a far from the axis.
-        let shaded = table(|r| PointResponse {
-            throughput: 0.1 * r,
-            radial_deviation_mm: 0.0,
-            aberration_mm: 0.0,
-            spread: PointSpread::default(),
-        });
+        let shaded = table(|r| PointResponse { throughput: 0.1 * r, ..PointResponse::default() });
         let model = Model::new(&paper::instrument(), Some(shaded));
         let object_mm = [8.0, 0.0, 300.0];
         let expected_mm = 0.51 * 0.25 * 0.25 / 8.0;
@@ -442,12 +432,8 @@ mod tests {
     #[test]
     fn four_points_are_as_good_as_many_where_the_light_changes_evenly() {
         let bent = |r: f64| if r < 4.0 { 0.25 * r } else { 1.0 };
-        let clipped = table(|r| PointResponse {
-            throughput: bent(r),
-            radial_deviation_mm: 0.01,
-            aberration_mm: 0.0,
-            spread: PointSpread::default(),
-        });
+        let clipped =
+            table(|r| PointResponse { throughput: bent(r), radial_deviation_mm: 0.01, ..PointResponse::default() });
         let model = Model::new(&paper::instrument(), Some(clipped));
         assert!(model.responses[0].bends_within(4.4, 0.5) && !model.responses[0].bends_within(4.6, 0.5));
         let mut always = model.clone();
@@ -467,8 +453,7 @@ mod tests {
         let clipped = table(|r| PointResponse {
             throughput: (0.2 * r).min(0.6),
             radial_deviation_mm: 0.05 * (3.0 - r).max(0.0),
-            aberration_mm: 0.0,
-            spread: PointSpread::default(),
+            ..PointResponse::default()
         });
         let model = Model::new(&paper::instrument(), Some(clipped));
         let disc = Disc { diameter_mm: 0.4, slopes: [0.3, -0.2] };

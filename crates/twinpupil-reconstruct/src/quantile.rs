@@ -44,6 +44,9 @@ pub(crate) fn upper_quantile(values: &[f32], floor: f32, share: f64) -> Option<f
     Some(0.5 * (low + high))
 }
 
+/// The standard deviation of numbers over the median of their distances from their own median, if their law is normal.
+pub(crate) const STD_PER_DISTANCE: f64 = 1.4826;
+
 /// The value in the middle, the upper of two; `None` without any. Reorders `values`.
 pub(crate) fn median(values: &mut [f64]) -> Option<f64> {
     let middle = values.len() / 2;

@@ -112,7 +112,7 @@ fn bends(nodes: &[PointResponse], radii: usize, radius: usize) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use twinpupil_instrument::{BandResponse, PointSpread};
+    use twinpupil_instrument::BandResponse;
 
     #[test]
     fn values_are_the_tables_and_slopes_their_differences() {
@@ -123,8 +123,7 @@ mod tests {
             PointResponse {
                 throughput: (r + 0.01 * z).sin(),
                 radial_deviation_mm: 0.1 * r * z,
-                aberration_mm: 0.0,
-                spread: PointSpread::default(),
+                ..PointResponse::default()
             }
         };
         let band = BandResponse {

@@ -7,7 +7,7 @@ use twinpupil_instrument::{Instrument, Lens, Mosaic, Registration, paper};
 use twinpupil_reconstruct::{FitPoint, LineAxis, Mode, Reconstruction, fit_line};
 use twinpupil_simulate::{Scene, SceneSpec, dot_bounds};
 
-use crate::plates::{FALSE_MM, Pose, rms};
+use crate::plates::{FALSE_MM, Pose, is_within, rms};
 use crate::rig::{Rig, nearest_of_all};
 
 /// Rays for every pixel of the frames and of their bounds.
@@ -129,13 +129,6 @@ impl Default for Terms {
     }
 }
 
-impl Terms {
-    fn is_near(&self, position_mm: [f64; 3], centre_mm: [f64; 3]) -> bool {
-        let [dx, dy, dz] = [0, 1, 2].map(|axis| position_mm[axis] - centre_mm[axis]);
-        dx.hypot(dy) < self.reach_mm[0] && dz.abs() < self.reach_mm[1]
-    }
-}
-
 impl Score {
     /// Scores one frame of the paper's plate, or of dots like its own: its noise from `seed`.
     ///
@@ -150,6 +143,7 @@ impl Score {
     /// # Panics
     /// If the scene cannot be simulated.
     pub fn on(terms: Terms, rig: &Rig, scene: &Scene, seed: u64) -> Self {
+        let is_near = |position_mm, centre_mm| is_within(terms.reach_mm, position_mm, centre_mm);
         let bounds = dot_bounds(&rig.instrument, scene, &rig.response, PUPIL_SAMPLES).expect("the scene can be seen");
         let frame = rig.frame(scene, Some(seed));
         let start = Instant::now();
@@ -164,7 +158,7 @@ impl Score {
             };
             score.whole += 1;
             let point =
-                nearest_of_all(&points, dot.centre_mm).filter(|point| terms.is_near(point.position_mm, dot.centre_mm));
+                nearest_of_all(&points, dot.centre_mm).filter(|point| is_near(point.position_mm, dot.centre_mm));
             if point.is_none() {
                 score.missing_mm.push(dot.centre_mm);
             }
@@ -179,7 +173,7 @@ impl Score {
         score.pulls.push(score.error_over_std());
         score.false_points = points
             .iter()
-            .filter(|point| !scene.dots().iter().any(|dot| terms.is_near(point.position_mm, dot.centre_mm)))
+            .filter(|point| !scene.dots().iter().any(|dot| is_near(point.position_mm, dot.centre_mm)))
             .count();
         if let Some(plate) = scene.spec().plate.as_ref().filter(|plate| plate.tilt_deg != 0.0) {
             let points: Vec<FitPoint> = points

@@ -150,8 +150,13 @@ fn is_false(point: &Point, centres_mm: &[[f64; 3]]) -> bool {
 
 /// Whether a point may be that of a dot.
 pub(crate) fn is_near(position_mm: [f64; 3], centre_mm: [f64; 3]) -> bool {
+    is_within(FALSE_MM, position_mm, centre_mm)
+}
+
+/// Whether a position lies within some mm of another, across the axis and in depth.
+pub(crate) fn is_within(reach_mm: [f64; 2], position_mm: [f64; 3], centre_mm: [f64; 3]) -> bool {
     let across_mm = (position_mm[0] - centre_mm[0]).hypot(position_mm[1] - centre_mm[1]);
-    across_mm < FALSE_MM[0] && (position_mm[2] - centre_mm[2]).abs() < FALSE_MM[1]
+    across_mm < reach_mm[0] && (position_mm[2] - centre_mm[2]).abs() < reach_mm[1]
 }
 
 /// Eq. 14 through all points with r ≥ 3.

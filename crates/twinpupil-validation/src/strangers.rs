@@ -1,7 +1,5 @@
 //! Cameras and scenes that nobody has chosen: drawn from the range of what could be built, each by a number.
 
-use std::f64::consts::PI;
-
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use twinpupil_instrument::{DepthRange, Instrument, Lens, Mosaic, paper};
@@ -32,7 +30,8 @@ const MOSAICS: [Mosaic; 5] = [Mosaic::Rgb, Mosaic::Rggb, Mosaic::Bggr, Mosaic::G
 const RADIUS_STEPS_MIN: f64 = 4.5;
 const RADIUS_SHARE_MAX: f64 = 0.04;
 
-/// Dots from so many blind radii on are seen well enough by both bands: those of the paper begin there at 300 mm.
+/// Dots from so many times that radius on are seen well enough by both bands at which the chief ray of one is shut out: those of
+/// the paper begin there at 300 mm.
 const CLEAR: f64 = 1.33;
 
 /// Most dots, and the share of the field that they fill at most.
@@ -138,7 +137,7 @@ fn instrument(draw: &mut Draw, focus_mm: f64) -> Instrument {
 /// A plate about the distance at which a camera is sharp, and how it is scored.
 fn scene(draw: &mut Draw, instrument: &Instrument, focus_mm: f64, seed: u64) -> (Scene, Terms) {
     let sensor = &instrument.sensor;
-    let [telecentric, entocentric] = &instrument.projections()[..2] else { panic!("the paper has two bands") };
+    let [telecentric, entocentric] = instrument.projections();
     let distance_mm = focus_mm * draw.between(0.86, 1.16);
     let tilt_deg = if draw.sometimes() { 0.0 } else { draw.about(60.0) };
     let steps = if sensor.mosaic == Mosaic::Rgb { 1.0 } else { 2.0 };
@@ -150,7 +149,7 @@ fn scene(draw: &mut Draw, instrument: &Instrument, focus_mm: f64, seed: u64) -> 
     let radius_px = radius_px.max(1.3 * blur_px[0].max(blur_px[1]));
     let diameter_mm = 2.0 * radius_px * sensor.pitch_mm / magnification;
     let r_max_mm = 0.42 * sensor.pitch_mm * sensor.size_px[0] as f64 / magnification;
-    let r_min_mm = CLEAR * blind_radius_mm(instrument, distance_mm);
+    let r_min_mm = CLEAR * shaded_radius_mm(instrument, distance_mm);
     let fitting = FILLED_MAX * 4.0 * r_max_mm * r_max_mm / (diameter_mm * diameter_mm);
     let count = draw.between(0.3, 1.0) * DOTS_MAX.min(fitting);
     let gap_mm = draw.between(0.1, 0.6) * diameter_mm;
@@ -185,7 +184,7 @@ fn scene(draw: &mut Draw, instrument: &Instrument, focus_mm: f64, seed: u64) -> 
 
 /// How far from the axis the masks leave nothing of a pencil's middle: the chief ray of one band meets the disc that shuts
 /// that band out, on the lens or in the focal plane.
-fn blind_radius_mm(instrument: &Instrument, distance_mm: f64) -> f64 {
+fn shaded_radius_mm(instrument: &Instrument, distance_mm: f64) -> f64 {
     let disc_mm = |aperture: usize| instrument.apertures[aperture].zones[0].radius_mm.unwrap_or(0.0);
     disc_mm(0).max(disc_mm(1) * distance_mm / instrument.lens.focal_length_mm())
 }
@@ -193,6 +192,6 @@ fn blind_radius_mm(instrument: &Instrument, distance_mm: f64) -> f64 {
 /// A tilt that leaves the whole plate in the depth that the camera is made for.
 fn within_depth(tilt_deg: f64, r_max_mm: f64, distance_mm: f64, focus_mm: f64) -> f64 {
     let room_mm = (1.27 * focus_mm - distance_mm).min(distance_mm - 0.78 * focus_mm);
-    let largest_deg = (room_mm / r_max_mm).atan() * 180.0 / PI;
+    let largest_deg = (room_mm / r_max_mm).atan().to_degrees();
     tilt_deg.clamp(-largest_deg, largest_deg)
 }

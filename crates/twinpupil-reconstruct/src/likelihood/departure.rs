@@ -139,12 +139,7 @@ mod tests {
     #[test]
     fn an_ideal_lens_adds_nothing() {
         let (r_mm, z_mm) = (Grid::spanning(0.0, 1.0, 2), Grid::spanning(1.0, 2.0, 2));
-        let node = PointResponse {
-            throughput: 0.5,
-            radial_deviation_mm: 0.1,
-            aberration_mm: 0.0,
-            spread: PointSpread::default(),
-        };
+        let node = PointResponse { throughput: 0.5, radial_deviation_mm: 0.1, ..PointResponse::default() };
         let band = BandResponse {
             band: "a".to_owned(),
             focal_length_mm: 100.0,

@@ -10,7 +10,7 @@ use crate::likelihood::outline::Outline;
 use crate::likelihood::pencil::length;
 use crate::likelihood::samples::{Rings, Samples, Share};
 use crate::likelihood::spot::Spot;
-use crate::quantile::median;
+use crate::quantile::{STD_PER_DISTANCE, median};
 
 /// Relative growth of the light along u and v, 1/px, and what is known of it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -308,7 +308,7 @@ impl Field {
         }
         sorted.clear();
         sorted.extend(dots.iter().map(|dot| dot.off));
-        let level_std = (1.4826 * median(sorted)?).max(LEVEL_STD_MIN);
+        let level_std = (STD_PER_DISTANCE * median(sorted)?).max(LEVEL_STD_MIN);
         dots.iter_mut().for_each(|dot| dot.kept = dot.off < FAR_SIGMAS * level_std);
         sorted.clear();
         sorted.extend(dots.iter().filter_map(|dot| {

@@ -7,11 +7,10 @@ use twinpupil_instrument::PixelPoint;
 
 use super::late::Lone;
 use super::{Fitting, Placed, Placing, Reconstructor};
-use crate::background::Polarity;
 use crate::detect::{Detection, Feature};
 use crate::likelihood::prior::{Expected, Prior};
 use crate::likelihood::refine::{Seed, Sketch};
-use crate::quantile::median;
+use crate::quantile::{STD_PER_DISTANCE, median};
 use crate::rejection::{Bystander, RejectionReason};
 
 /// What fills this share of a frame is no dot whose skirts could matter.
@@ -22,9 +21,6 @@ const Z_STD_MM: f64 = 30.0;
 
 /// Sizes and contrasts are known no better beforehand than to this share.
 const LEAST_SPREAD: f64 = 0.05;
-
-/// The standard deviation of numbers over the median of their distances from their own median, if their law is normal.
-const STD_PER_DISTANCE: f64 = 1.4826;
 
 /// Why light is none of a point's.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -74,7 +70,7 @@ impl Reconstructor {
                     }
                     None => feature,
                 };
-                let sign = detection.sign();
+                let sign = detection.polarity.sign();
                 let prior = Prior {
                     z_mm,
                     diameter_mm: typical.map(|(diameter_mm, _)| diameter_mm),
@@ -118,13 +114,6 @@ impl Reconstructor {
     }
 }
 
-impl Detection {
-    /// Of the contrast of its features.
-    fn sign(&self) -> f64 {
-        if self.polarity == Polarity::Bright { 1.0 } else { -1.0 }
-    }
-}
-
 /// A point as the fit starts from it.
 fn seed(placed: &Placed, detections: &[Detection]) -> Seed {
     let sketches = detections
@@ -143,7 +132,7 @@ fn seed(placed: &Placed, detections: &[Detection]) -> Seed {
 
 /// A feature as the fit starts from it.
 fn sketch(feature: &Feature, detection: &Detection) -> Sketch {
-    Sketch { contrast: detection.sign() * probable_height_codes(feature), area_px: feature.area_px }
+    Sketch { contrast: detection.polarity.sign() * probable_height_codes(feature), area_px: feature.area_px }
 }
 
 /// Contrast of a feature, as a guess where the largest code cuts it off.

@@ -53,7 +53,7 @@ impl Light<'_> {
     pub(crate) fn read(&self, row: usize, first: usize, contrasts: &mut [f32]) {
         match self {
             Self::Codes { plane, level, polarity } => {
-                let sign = if *polarity == Polarity::Bright { 1.0 } else { -1.0 };
+                let sign = polarity.sign() as f32;
                 let line = &plane.line(row)[first * plane.step_px..];
                 read_codes(line, plane.step_px, sign, -sign * level, contrasts);
             }
