@@ -1,6 +1,6 @@
 //! The sensor's surface in space, and where the rays of its pixels cross the ideal image plane.
 
-use twinpupil_instrument::{Band, Distortion, ImagePoint, PixelPoint, Projection, Registration, Sensor};
+use twinpupil_instrument::{Band, ImagePoint, PixelPoint, Projection, Registration, Sensor, Warp};
 
 /// The surface of a sensor as one band's rays leave it: tilted, and behind a lens with distortion.
 ///
@@ -17,7 +17,7 @@ pub(crate) struct Surface {
     along_u_mm: [f64; 3],
     along_v_mm: [f64; 3],
     pupil: Pupil,
-    distortion: Distortion,
+    warp: Warp,
     /// Whether every ray starts where it crosses the ideal plane.
     is_ideal: bool,
 }
@@ -50,6 +50,7 @@ impl Surface {
     ) -> Self {
         let [along_u_mm, along_v_mm] =
             unit_vectors(sensor.slope()).map(|unit| unit.map(|component| sensor.pitch_mm * component));
+        let warp = Warp::of(band);
         Self {
             axis_px: sensor.axis_px,
             distance_mm: sensor.distance_mm,
@@ -57,8 +58,8 @@ impl Surface {
             along_u_mm,
             along_v_mm,
             pupil: Pupil::of(projection, focal_length_mm),
-            distortion: band.distortion,
-            is_ideal: sensor.tilt_deg == [0.0; 2] && band.distortion.is_none(),
+            is_ideal: sensor.tilt_deg == [0.0; 2] && warp.is_none(),
+            warp,
         }
     }
 
@@ -120,16 +121,16 @@ impl Surface {
         const RESTING_MM: f64 = 1e-12;
         const STEP_MM: f64 = 1e-4;
         let [mut x, mut y] = plane;
-        if self.distortion.is_none() {
+        if self.warp.is_none() {
             return ImagePoint { x_mm: x, y_mm: y };
         }
         for _ in 0..ROUNDS {
-            let image = self.distortion.map([x, y]);
+            let image = self.warp.map([x, y]);
             let gap = [plane[0] - image[0], plane[1] - image[1]];
             if gap[0].abs() + gap[1].abs() < RESTING_MM {
                 break;
             }
-            let (by_x, by_y) = (self.distortion.map([x + STEP_MM, y]), self.distortion.map([x, y + STEP_MM]));
+            let (by_x, by_y) = (self.warp.map([x + STEP_MM, y]), self.warp.map([x, y + STEP_MM]));
             let [a, c] = [0, 1].map(|k| (by_x[k] - image[k]) / STEP_MM);
             let [b, d] = [0, 1].map(|k| (by_y[k] - image[k]) / STEP_MM);
             let determinant = a * d - b * c;
@@ -196,7 +197,7 @@ fn unit_vectors([a, b]: [f64; 2]) -> [[f64; 3]; 2] {
 
 #[cfg(test)]
 mod tests {
-    use twinpupil_instrument::{Instrument, paper};
+    use twinpupil_instrument::{Correction, Instrument, paper};
 
     use super::*;
 
@@ -219,6 +220,9 @@ mod tests {
     #[test]
     fn rays_through_the_middle_of_the_pupil_start_where_the_page_says() {
         let mut spec = paper::instrument().into_spec();
+        let mut correction = Correction::none(6.0, 4);
+        (correction.x_mm[9], correction.y_mm[12]) = (2e-3, -1e-3);
+        spec.bands[1].correction = Some(correction);
         spec.sensor.tilt_deg = [1.5, -3.0];
         spec.bands[0].distortion.k1_per_mm2 = 3e-4;
         spec.bands[1].distortion.p1_per_mm = 2e-4;
