@@ -2,13 +2,13 @@
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix4, Matrix6, SMatrix, Vector3, Vector4, Vector6};
 use rayon::prelude::*;
-use twinpupil_instrument::LensTerms;
+use twinpupil_instrument::{Correction, Displacement, LensTerms};
 
-use crate::forward::{CAMERA_SLOTS, SLOTS, Slots, View, image, spot};
+use crate::forward::{CAMERA_SLOTS, SLOTS, Slot, Slots, View, ideal_mm, image, spot};
 use crate::lattice::median;
 use crate::pose::Pose;
 use crate::stage::{StagePosition, WAY_SIZE, Way};
-use crate::unknown::Unknown;
+use crate::unknown::{Part, Unknown};
 
 /// What one band of one frame says of one dot's image.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -27,13 +27,16 @@ pub(crate) struct Observation {
 }
 
 /// A camera's band, before any unknown is moved.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub(crate) struct BandCamera {
     /// The values of the slots that are the camera's.
     pub(crate) slots: [f64; CAMERA_SLOTS],
     pub(crate) page_from_reference: [[f64; 3]; 3],
     /// What a real lens adds.
     pub(crate) lens: LensTerms,
+    correction: Option<Correction>,
+    /// The same, ready to be evaluated.
+    pub(crate) displacement: Option<Displacement>,
 }
 
 /// The dots of the target, and how well their places are known.
@@ -109,12 +112,43 @@ struct Share {
     cost: f64,
 }
 
+/// What a frame says of what all frames share, with its pose as suits it best: a step costs `cost − 2 score·Δ + Δ·information Δ`,
+/// in the prior deviations.
+#[derive(Debug, Clone)]
+pub(crate) struct Testimony {
+    pub(crate) information: DMatrix<f64>,
+    pub(crate) score: DVector<f64>,
+    pub(crate) cost: f64,
+}
+
 /// The equations of all, the poses eliminated.
 struct Reduced {
     factor: Cholesky<f64, Dyn>,
     score: DVector<f64>,
     /// For every frame: the inverse of its pose's information, where it has any.
     pose_inverses: Vec<Option<Matrix6<f64>>>,
+}
+
+impl BandCamera {
+    pub(crate) fn new(
+        slots: [f64; CAMERA_SLOTS],
+        page_from_reference: [[f64; 3]; 3],
+        lens: LensTerms,
+        correction: Option<Correction>,
+    ) -> Self {
+        let displacement = correction.as_ref().map(Correction::displacement);
+        Self { slots, page_from_reference, lens, correction, displacement }
+    }
+
+    /// With a coefficient of its correction changed.
+    fn change_coefficient(&mut self, term: usize, axis: usize, change_mm: f64) {
+        let Some(correction) = &mut self.correction else { return };
+        [&mut correction.x_mm, &mut correction.y_mm][axis][term] += change_mm;
+    }
+
+    fn made_ready(self) -> Self {
+        Self::new(self.slots, self.page_from_reference, self.lens, self.correction)
+    }
 }
 
 impl Problem<'_> {
@@ -188,16 +222,9 @@ impl Problem<'_> {
 
     /// Eliminates the poses.
     fn reduced(&self, state: &State, shares: &[Share], damping: f64) -> Option<Reduced> {
-        let size = self.shared_size(state);
-        let (mut information, mut score) = (DMatrix::identity(size, size), DVector::zeros(size));
-        for (k, (value, unknown)) in state.values.iter().zip(self.unknowns).enumerate() {
-            score[k] = (unknown.expected - value) / unknown.prior_std;
-        }
-        if let Some(std_mm) = self.dots.place_std_mm {
-            for (k, offset) in state.offsets_mm.iter().flatten().enumerate() {
-                score[self.unknowns.len() + k] = -offset / std_mm;
-            }
-        }
+        let mut score = self.prior_score(state);
+        let size = score.len();
+        let mut information = DMatrix::identity(size, size);
         for share in shares {
             information += &share.shared;
             score += &share.shared_score;
@@ -220,6 +247,36 @@ impl Problem<'_> {
             pose_inverses.push(inverse);
         }
         Some(Reduced { factor: information.cholesky()?, score, pose_inverses })
+    }
+
+    /// What is known beforehand, in the prior deviations, the information of which is 1 each.
+    pub(crate) fn prior_score(&self, state: &State) -> DVector<f64> {
+        let mut score = DVector::zeros(self.shared_size(state));
+        for (k, (value, unknown)) in state.values.iter().zip(self.unknowns).enumerate() {
+            score[k] = (unknown.expected - value) / unknown.prior_std;
+        }
+        if let Some(std_mm) = self.dots.place_std_mm {
+            for (k, offset) in state.offsets_mm.iter().flatten().enumerate() {
+                score[self.unknowns.len() + k] = -offset / std_mm;
+            }
+        }
+        score
+    }
+
+    /// What every frame says of what all share, whatever its pose.
+    pub(crate) fn testimonies(&self, state: &State) -> Vec<Testimony> {
+        let testimony = |share: Share| {
+            let Some(inverse) = share.pose.cholesky().map(|factor| factor.inverse()) else {
+                return Testimony { information: share.shared, score: share.shared_score, cost: share.cost };
+            };
+            let lever = &share.mixed * inverse;
+            Testimony {
+                information: share.shared - &lever * share.mixed.transpose(),
+                score: share.shared_score - lever * share.pose_score,
+                cost: share.cost - share.pose_score.dot(&(inverse * share.pose_score)),
+            }
+        };
+        self.shares(state).into_iter().map(testimony).collect()
     }
 
     /// Unknowns that all frames share: those sought, then where dots lie, then the way of the stage.
@@ -289,7 +346,7 @@ impl Problem<'_> {
             share.cost += doubted;
             let score = (observation.score - observation.information * (image - observation.anchor)) * weight;
             let information = observation.information * weight;
-            let columns = self.columns(observation, &gradient, &view);
+            let columns = self.columns(observation, (&slots, &view), &gradient);
             let pose: SMatrix<f64, 4, 6> = gradient.fixed_columns::<6>(CAMERA_SLOTS).into_owned();
             let pose_information = information * pose;
             share.pose += pose.transpose() * pose_information;
@@ -316,14 +373,25 @@ impl Problem<'_> {
     fn columns(
         &self,
         observation: &Observation,
+        (slots, view): (&Slots, &View<'_>),
         gradient: &SMatrix<f64, 4, SLOTS>,
-        view: &View,
     ) -> Vec<(usize, Vector4<f64>)> {
-        let mut columns = Vec::with_capacity(CAMERA_SLOTS + 2);
+        let mut columns = Vec::with_capacity(self.unknowns.len() + 2);
+        let correction = self.cameras[observation.band].correction.as_ref();
+        let polynomials = correction.map(|correction| correction.polynomials(ideal_mm(slots, view)));
+        let of = |slot: Slot| gradient.column(slot as usize);
         for (k, unknown) in self.unknowns.iter().enumerate() {
             let mut column = Vector4::zeros();
             for feed in unknown.feeds.iter().filter(|feed| feed.band == observation.band) {
-                column += gradient.column(feed.slot as usize) * (feed.factor * unknown.prior_std);
+                match (feed.part, &polynomials) {
+                    (Part::Slot(slot, factor), _) => column += of(slot) * (factor * unknown.prior_std),
+                    (Part::Coefficient(term, axis), Some(polynomials)) => {
+                        let [re, im] = polynomials[term];
+                        let [x, y] = if axis == 0 { [re, im] } else { [-im, re] };
+                        column += (of(Slot::ShiftX) * x + of(Slot::ShiftY) * y) * unknown.prior_std;
+                    }
+                    (Part::Coefficient(..), None) => {}
+                }
             }
             if column != Vector4::zeros() {
                 columns.push((k, column));
@@ -343,20 +411,24 @@ impl Problem<'_> {
         let mut cameras = self.cameras.to_vec();
         for ((unknown, value), start) in self.unknowns.iter().zip(values).zip(self.start) {
             for feed in &unknown.feeds {
-                cameras[feed.band].slots[feed.slot as usize] += feed.factor * (value - start);
+                let (camera, change) = (&mut cameras[feed.band], value - start);
+                match feed.part {
+                    Part::Slot(slot, factor) => camera.slots[slot as usize] += factor * change,
+                    Part::Coefficient(term, axis) => camera.change_coefficient(term, axis, change),
+                }
             }
         }
-        cameras
+        cameras.into_iter().map(BandCamera::made_ready).collect()
     }
 
-    pub(crate) fn look(
+    pub(crate) fn look<'c>(
         &self,
         band: usize,
         dot: usize,
-        cameras: &[BandCamera],
+        cameras: &'c [BandCamera],
         state: &State,
         pose: &Pose,
-    ) -> (Slots, View) {
+    ) -> (Slots, View<'c>) {
         let camera = &cameras[band];
         let mut slots = Slots::zeros();
         slots.as_mut_slice()[..CAMERA_SLOTS].copy_from_slice(&camera.slots);
@@ -369,6 +441,7 @@ impl Problem<'_> {
             pitch_mm: self.pitch_mm,
             page_from_reference: camera.page_from_reference,
             lens: camera.lens,
+            displacement: camera.displacement.as_ref(),
         };
         (slots, view)
     }
@@ -567,7 +640,7 @@ mod tests {
                 let (slots, view) = self.problem.look(observation.band, observation.dot, &cameras, &state, pose);
                 let (_, gradient) = spot(&slots, &view);
                 let upper = observation.information.cholesky()?.l().transpose();
-                for (k, column) in self.problem.columns(observation, &gradient, &view) {
+                for (k, column) in self.problem.columns(observation, (&slots, &view), &gradient) {
                     jacobian.fixed_view_mut::<4, 1>(4 * place, k).copy_from(&(upper * column));
                 }
                 let first = count + 6 * observation.frame;

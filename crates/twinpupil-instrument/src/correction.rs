@@ -61,15 +61,27 @@ impl Correction {
         (a + b, a as i32 - b as i32)
     }
 
-    /// Z of a term at a point, its real and its imaginary part.
-    pub fn polynomial(term: usize, radius_mm: f64, at_mm: [f64; 2]) -> [f64; 2] {
-        let table = Powers::of(at_mm.map(|mm| mm / radius_mm));
-        let mut sum = [0.0; 2];
-        for (a, b, factor) in monomials(term) {
-            let [re, im] = table.product(a, b);
-            sum = [sum[0] + factor * re, sum[1] + factor * im];
-        }
-        sum
+    /// Z of every term at a point, its real and its imaginary part.
+    pub fn polynomials(&self, at_mm: [f64; 2]) -> Vec<[f64; 2]> {
+        let powers = Powers::of(at_mm.map(|mm| mm / self.radius_mm));
+        let sum = |[re, im]: Complex, (a, b, factor): (usize, usize, f64)| {
+            let [x, y] = powers.product(a, b);
+            [re + factor * x, im + factor * y]
+        };
+        (0..self.x_mm.len()).map(|term| monomials(term).fold([0.0; 2], sum)).collect()
+    }
+
+    /// The highest order of its terms.
+    pub fn degree(&self) -> usize {
+        self.x_mm.len().checked_sub(1).map_or(0, |last| Self::orders(last).0)
+    }
+
+    /// The same with terms up to a higher order, which displace nothing.
+    pub fn up_to(mut self, degree: usize) -> Self {
+        let count = self.x_mm.len().max(Self::terms(degree));
+        self.x_mm.resize(count, 0.0);
+        self.y_mm.resize(count, 0.0);
+        self
     }
 
     /// Ready to be evaluated.
@@ -232,7 +244,8 @@ mod tests {
         let of = |n: usize, m: i32, rho: f64| {
             let term = (0..45).find(|term| Correction::orders(*term) == (n, m)).expect("an order");
             let angle = 0.7_f64;
-            let [re, im] = Correction::polynomial(term, 2.0, [2.0 * rho * angle.cos(), 2.0 * rho * angle.sin()]);
+            let all = Correction::none(2.0, 8).polynomials([2.0 * rho * angle.cos(), 2.0 * rho * angle.sin()]);
+            let [re, im] = all[term];
             let turn = f64::from(m) * angle;
             assert!((im * turn.cos() - re * turn.sin()).abs() < 1e-14, "{n} {m}");
             re * turn.cos() + im * turn.sin()
@@ -260,14 +273,16 @@ mod tests {
         let orders = [(0, 0), (1, 1), (1, -1), (2, 2), (2, 0), (2, -2), (3, 3), (3, 1), (3, -1), (3, -3)];
         assert!(orders.into_iter().enumerate().all(|(term, orders)| Correction::orders(term) == orders));
         assert_eq!((Correction::terms(0), Correction::terms(3), Correction::terms(8)), (1, 10, 45));
+        let larger = Correction::none(1.0, 2).up_to(4);
+        assert_eq!((larger.degree(), larger.clone().up_to(1).degree(), larger.x_mm.len()), (4, 4, 15));
     }
 
     #[test]
     fn a_displacement_is_the_sum_of_its_terms() {
         let (own, at_mm) = (some(), [2.0, -3.5]);
         let mut expected = [0.0; 2];
-        for (term, coefficient) in own.x_mm.iter().zip(&own.y_mm).enumerate() {
-            let [x, y] = times([*coefficient.0, *coefficient.1], Correction::polynomial(term, 6.0, at_mm));
+        for (polynomial, coefficient) in own.polynomials(at_mm).iter().zip(own.x_mm.iter().zip(&own.y_mm)) {
+            let [x, y] = times([*coefficient.0, *coefficient.1], *polynomial);
             expected = [expected[0] + x, expected[1] + y];
         }
         let found = own.displacement().at(at_mm);
