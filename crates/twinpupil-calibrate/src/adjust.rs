@@ -112,8 +112,8 @@ struct Share {
     cost: f64,
 }
 
-/// What a frame says of what all frames share, with its pose as suits it best: a step costs `cost − 2 score·Δ + Δ·information Δ`,
-/// in the prior deviations.
+/// What frames say of what all frames share, their poses as suit them best: a step Δ, in the prior deviations, costs
+/// `cost − 2 score·Δ + Δ·information Δ`.
 #[derive(Debug, Clone)]
 pub(crate) struct Testimony {
     pub(crate) information: DMatrix<f64>,
@@ -127,6 +127,28 @@ struct Reduced {
     score: DVector<f64>,
     /// For every frame: the inverse of its pose's information, where it has any.
     pose_inverses: Vec<Option<Matrix6<f64>>>,
+}
+
+impl Testimony {
+    fn of(share: Share) -> Self {
+        let Some(inverse) = share.pose.cholesky().map(|factor| factor.inverse()) else {
+            return Self { information: share.shared, score: share.shared_score, cost: share.cost };
+        };
+        let lever = &share.mixed * inverse;
+        Self {
+            information: share.shared - &lever * share.mixed.transpose(),
+            score: share.shared_score - lever * share.pose_score,
+            cost: share.cost - share.pose_score.dot(&(inverse * share.pose_score)),
+        }
+    }
+
+    fn with(self, other: Self) -> Self {
+        Self {
+            information: self.information + other.information,
+            score: self.score + other.score,
+            cost: self.cost + other.cost,
+        }
+    }
 }
 
 impl BandCamera {
@@ -263,20 +285,18 @@ impl Problem<'_> {
         score
     }
 
-    /// What every frame says of what all share, whatever its pose.
-    pub(crate) fn testimonies(&self, state: &State) -> Vec<Testimony> {
-        let testimony = |share: Share| {
-            let Some(inverse) = share.pose.cholesky().map(|factor| factor.inverse()) else {
-                return Testimony { information: share.shared, score: share.shared_score, cost: share.cost };
-            };
-            let lever = &share.mixed * inverse;
-            Testimony {
-                information: share.shared - &lever * share.mixed.transpose(),
-                score: share.shared_score - lever * share.pose_score,
-                cost: share.cost - share.pose_score.dot(&(inverse * share.pose_score)),
-            }
+    /// What so many parts of the frames, taken by turns, say of what all share, whatever the poses.
+    pub(crate) fn testimonies(&self, state: &State, parts: usize) -> Vec<Testimony> {
+        let cameras = self.cameras_of(&state.values);
+        let of_part = |part: usize| {
+            let frames: Vec<usize> = (part..state.poses.len()).step_by(parts).collect();
+            let of_frame = |frame: usize| Testimony::of(self.share_of(frame, &cameras, state));
+            let own: Vec<Testimony> = frames.into_par_iter().map(of_frame).collect();
+            let size = self.shared_size(state);
+            let none = Testimony { information: DMatrix::zeros(size, size), score: DVector::zeros(size), cost: 0.0 };
+            own.into_iter().fold(none, Testimony::with)
         };
-        self.shares(state).into_iter().map(testimony).collect()
+        (0..parts).map(of_part).collect()
     }
 
     /// Unknowns that all frames share: those sought, then where dots lie, then the way of the stage.
@@ -320,12 +340,13 @@ impl Problem<'_> {
 
     fn shares(&self, state: &State) -> Vec<Share> {
         let cameras = self.cameras_of(&state.values);
-        let of_frame = |frame: usize| {
-            let first = self.observations.partition_point(|observation| observation.frame < frame);
-            let end = self.observations.partition_point(|observation| observation.frame <= frame);
-            self.share(&self.observations[first..end], &cameras, state, frame)
-        };
-        (0..state.poses.len()).into_par_iter().map(of_frame).collect()
+        (0..state.poses.len()).into_par_iter().map(|frame| self.share_of(frame, &cameras, state)).collect()
+    }
+
+    fn share_of(&self, frame: usize, cameras: &[BandCamera], state: &State) -> Share {
+        let first = self.observations.partition_point(|observation| observation.frame < frame);
+        let end = self.observations.partition_point(|observation| observation.frame <= frame);
+        self.share(&self.observations[first..end], cameras, state, frame)
     }
 
     fn share(&self, observations: &[Observation], cameras: &[BandCamera], state: &State, frame: usize) -> Share {
@@ -569,11 +590,11 @@ mod tests {
     use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
     use nalgebra::storage::Owned;
     use nalgebra::{Dyn, Rotation3};
-    use twinpupil_instrument::{Instrument, Projection, paper};
+    use twinpupil_instrument::{Instrument, Parameter, Projection, paper};
 
     use super::*;
     use crate::camera::cameras;
-    use crate::unknown::Choices;
+    use crate::unknown::{Choices, Quantity};
 
     /// MINPACK's method on all unknowns and poses at once.
     struct Dense<'a> {
@@ -737,6 +758,46 @@ mod tests {
         for k in 0..unknowns.len() {
             let ratio = (own.covariance[(k, k)] / covariance[(k, k)]).sqrt();
             assert!((ratio - 1.0).abs() < 1e-3, "{}: {ratio}", unknowns[k].quantity.key(&instrument));
+        }
+    }
+
+    #[test]
+    fn columns_of_a_correction_are_differences() {
+        let mut spec = paper::instrument().into_spec();
+        spec.sensor.tilt_deg = [1.0, -0.5];
+        spec.bands[1].correction = Some(Correction::none(6.0, 3));
+        let instrument = Instrument::new(spec).expect("legal");
+        let of = |axis: usize| Quantity::Instrument(Parameter::Correction(1, 7, axis));
+        let unknowns = [0, 1].map(|axis| Unknown::of(of(axis), &instrument, 1e-3));
+        let projections: Vec<Projection> = instrument.bands.iter().map(|band| instrument.projection(band)).collect();
+        let cameras = cameras(&instrument, &projections, &[LensTerms::default(); 2], 1.0);
+        let dots = Dots { position_mm: vec![[3.0, -4.0]], diameter_mm: vec![0.9], place_std_mm: None };
+        let (rotation, translation_mm) = (Rotation3::new(Vector3::new(0.2, -0.3, 0.1)), Vector3::new(0.3, -0.2, 280.0));
+        let pose = Pose { rotation, translation_mm };
+        let state = State { values: vec![0.0; 2], poses: vec![pose], offsets_mm: vec![[0.0; 2]], way: None };
+        let problem = Problem {
+            pitch_mm: instrument.sensor.pitch_mm,
+            cameras: &cameras,
+            unknowns: &unknowns,
+            start: &[0.0; 2],
+            dots: &dots,
+            observations: &[],
+            stage: &[],
+            doubt_chi2: f64::INFINITY,
+        };
+        let (slots, view) = problem.look(1, 0, &cameras, &state, &pose);
+        let (image, gradient) = spot(&slots, &view);
+        let observation = Observation::new((0, 1, 0), image, Vector4::zeros(), Matrix4::identity());
+        let columns = problem.columns(&observation, (&slots, &view), &gradient);
+        assert_eq!(columns.len(), 2);
+        for (k, column) in columns {
+            let at = |steps: f64| {
+                let mut values = [0.0; 2];
+                values[k] = steps * 1e-3;
+                problem.image(1, 0, &problem.cameras_of(&values), &state, &pose)
+            };
+            let expected = 0.5 * (at(1.0) - at(-1.0));
+            assert!((column - expected).norm() < 1e-6 && expected.norm() > 0.02, "{k}: {column:?} {expected:?}");
         }
     }
 }

@@ -161,10 +161,9 @@ pub(crate) fn tried(
     let doubt_chi2 = now.doubt_chi2(unknowns, observations, &now.adjusted.state);
     let problem = widest.now.problem(&widest.unknowns, observations, doubt_chi2);
     let state = &widest.now.adjusted.state;
-    let held_out = HeldOutFrames {
-        testimonies: problem.testimonies(state),
+    let held_out = Parts {
+        testimonies: problem.testimonies(state, frames.min(PARTS_MAX)),
         prior_score: problem.prior_score(state),
-        parts: frames.min(PARTS_MAX),
     };
     let outcome = |degree: Option<usize>| {
         let is_sought = |k: &usize| order(widest.unknowns.get(*k)).is_none_or(|own| Some(own) <= degree);
@@ -220,16 +219,14 @@ fn sigmas(values: &[f64]) -> f64 {
     mean / (variance / count).sqrt().max(f64::MIN_POSITIVE)
 }
 
-/// What frames say of everything that could be sought, to first order.
-struct HeldOutFrames {
+/// What parts of the frames say of everything that could be sought, to first order.
+struct Parts {
     testimonies: Vec<Testimony>,
     prior_score: DVector<f64>,
-    /// Parts of the frames that are held out one after the other.
-    parts: usize,
 }
 
-impl HeldOutFrames {
-    /// χ² of every part of the frames at what the others find of some unknowns, the poses as suit them best.
+impl Parts {
+    /// χ² of every part at what the others find of some unknowns.
     fn chi2(&self, sought: &[usize]) -> Option<Vec<f64>> {
         let own = |testimony: &Testimony| Testimony {
             information: testimony.information.select_rows(sought).select_columns(sought),
@@ -238,23 +235,20 @@ impl HeldOutFrames {
         };
         let testimonies: Vec<Testimony> = self.testimonies.iter().map(own).collect();
         let prior = self.prior_score.select_rows(sought);
-        (0..self.parts).map(|part| self.chi2_of(part, &testimonies, &prior)).collect()
+        (0..testimonies.len()).map(|part| chi2_held_out(part, &testimonies, &prior)).collect()
     }
+}
 
-    fn chi2_of(&self, part: usize, testimonies: &[Testimony], prior: &DVector<f64>) -> Option<f64> {
-        let mut information = DMatrix::identity(prior.len(), prior.len());
-        let mut score = prior.clone();
-        let is_own = |frame: usize| frame % self.parts == part;
-        for (_, testimony) in testimonies.iter().enumerate().filter(|(frame, _)| !is_own(*frame)) {
-            information += &testimony.information;
-            score += &testimony.score;
-        }
-        let step = information.cholesky()?.solve(&score);
-        let chi2 = |testimony: &Testimony| {
-            testimony.cost - 2.0 * testimony.score.dot(&step) + step.dot(&(&testimony.information * &step))
-        };
-        Some(testimonies.iter().enumerate().filter(|(frame, _)| is_own(*frame)).map(|(_, own)| chi2(own)).sum())
+fn chi2_held_out(part: usize, testimonies: &[Testimony], prior: &DVector<f64>) -> Option<f64> {
+    let mut information = DMatrix::identity(prior.len(), prior.len());
+    let mut score = prior.clone();
+    for (_, testimony) in testimonies.iter().enumerate().filter(|(other, _)| *other != part) {
+        information += &testimony.information;
+        score += &testimony.score;
     }
+    let step = information.cholesky()?.solve(&score);
+    let own = &testimonies[part];
+    Some(own.cost - 2.0 * own.score.dot(&step) + step.dot(&(&own.information * &step)))
 }
 
 #[cfg(test)]
@@ -293,26 +287,29 @@ mod tests {
         // Of 21 terms of two parts each, 7 are left out in the telecentric band and 6 in the other.
         assert_eq!(found.len(), 2 * 42 - 13);
         let has = |key: &str| found.contains(&key.to_owned());
-        assert!(!has("band[0].correction.y_mm[1]") && has("band[1].correction.y_mm[1]") && has("band[0].correction.x_mm[16]"));
+        assert!(
+            !has("band[0].correction.y_mm[1]")
+                && has("band[1].correction.y_mm[1]")
+                && has("band[0].correction.x_mm[16]")
+        );
         let mut choices = Choices::default();
         choices.prior_std.insert("band[0].distortion.k2_per_mm4".to_owned(), 1e-6);
         let with_k2 = choices.unknowns(&instrument).expect("legal");
         assert_eq!(keys(&with_k2).len(), found.len() - 1);
     }
 
-    /// Frames that each see all of two unknowns but one, without noise: what is held out is foreseen.
+    /// Without noise what is held out is foreseen, unless a part of what is there is not sought.
     #[test]
-    fn what_all_frames_share_is_foreseen_in_those_held_out() {
+    fn what_all_parts_share_is_foreseen_in_that_held_out() {
         let truth = DVector::from_vec(vec![0.3, -0.2, 0.5]);
-        let testimony = |frame: usize| {
-            let seen = DMatrix::from_fn(4, 3, |i, k| ((3 * frame + 5 * i + 7 * k) as f64).sin());
+        let testimony = |part: usize| {
+            let seen = DMatrix::from_fn(4, 3, |i, k| ((3 * part + 5 * i + 7 * k) as f64).sin());
             let information = 1e8 * seen.transpose() * seen;
             Testimony { score: &information * &truth, cost: truth.dot(&(&information * &truth)), information }
         };
-        let frames =
-            HeldOutFrames { testimonies: (0..6).map(testimony).collect(), prior_score: DVector::zeros(3), parts: 3 };
-        let all: f64 = frames.chi2(&[0, 1, 2]).expect("definite").iter().sum();
-        let some: f64 = frames.chi2(&[0, 2]).expect("definite").iter().sum();
+        let parts = Parts { testimonies: (0..6).map(testimony).collect(), prior_score: DVector::zeros(3) };
+        let all: f64 = parts.chi2(&[0, 1, 2]).expect("definite").iter().sum();
+        let some: f64 = parts.chi2(&[0, 2]).expect("definite").iter().sum();
         assert!(all < 1e-3 && some > 1e5, "{all} {some}");
     }
 }

@@ -86,14 +86,24 @@ impl Correction {
 
     /// Ready to be evaluated.
     pub fn displacement(&self) -> Displacement {
-        let mut coefficients = vec![[0.0; 2]; self.x_mm.len()];
+        let degree = self.degree();
+        let mut powers = vec![Plane::one(degree)];
+        for power in 0..degree {
+            powers.push(powers[power].times_w());
+        }
+        let mut sum = Plane::zero(degree);
         for (term, (x_mm, y_mm)) in self.x_mm.iter().zip(&self.y_mm).enumerate() {
             for (a, b, factor) in monomials(term) {
-                let [re, im] = &mut coefficients[place(a, b)];
-                (*re, *im) = (*re + factor * x_mm, *im + factor * y_mm);
+                sum.add(
+                    &(0..b).fold(powers[a].clone(), |own, _| own.times_conjugate()),
+                    [factor * x_mm, factor * y_mm],
+                );
             }
         }
-        Displacement { per_radius: 1.0 / self.radius_mm, coefficients }
+        let sum = sum.in_mm(self.radius_mm);
+        let [by_x, by_y] = [sum.by_x(), sum.by_y()];
+        let second = [by_x.by_x(), by_x.by_y(), by_y.by_y()];
+        Displacement { sum, first: [by_x, by_y], second }
     }
 
     pub(crate) fn check(&self, key: &str) -> Result<(), ValueError> {
@@ -123,11 +133,6 @@ fn powers(term: usize) -> (usize, usize) {
     (degree - b, b)
 }
 
-fn place(a: usize, b: usize) -> usize {
-    let degree = a + b;
-    degree * (degree + 1) / 2 + b
-}
-
 /// The products of powers of w and of its conjugate that make a term: both powers, and the factor.
 fn monomials(term: usize) -> impl Iterator<Item = (usize, usize, f64)> {
     let (a, b) = powers(term);
@@ -143,7 +148,6 @@ fn monomials(term: usize) -> impl Iterator<Item = (usize, usize, f64)> {
 struct Powers([Complex; Correction::DEGREE_MAX + 1]);
 
 impl Powers {
-    #[inline]
     fn of(w: Complex) -> Self {
         let mut all = [[1.0, 0.0]; Correction::DEGREE_MAX + 1];
         for power in 1..all.len() {
@@ -153,74 +157,141 @@ impl Powers {
     }
 
     /// wᵃ times the b-th power of its conjugate.
-    #[inline]
     fn product(&self, a: usize, b: usize) -> Complex {
         let [re, im] = self.0[b];
         times(self.0[a], [re, -im])
     }
 }
 
-/// A correction, ready to be evaluated: a polynomial of w = (x + i y)/radius and its conjugate.
+/// A correction, ready to be evaluated.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Displacement {
-    per_radius: f64,
-    /// In the order of the terms.
-    coefficients: Vec<Complex>,
+    sum: Plane,
+    /// By x and by y; by x twice, by x and y, by y twice.
+    first: [Plane; 2],
+    second: [Plane; 3],
 }
 
 impl Displacement {
     /// Δx and Δy at a point, mm.
     #[inline]
     pub fn at(&self, at_mm: [f64; 2]) -> [f64; 2] {
-        self.derivative(&self.powers(at_mm), 0, 0)
+        self.sum.at(at_mm)
     }
 
     /// How that changes with x and y, row by row.
-    ///
-    /// ```text
-    /// ∂/∂x = ∂/∂w + ∂/∂w̄,  ∂/∂y = i (∂/∂w − ∂/∂w̄)        in units of the radius
-    /// ```
     #[inline]
     pub fn jacobian(&self, at_mm: [f64; 2]) -> [[f64; 2]; 2] {
-        let powers = self.powers(at_mm);
-        let [w, conjugate] = [(1, 0), (0, 1)].map(|(a, b)| self.derivative(&powers, a, b));
-        let scale = self.per_radius;
-        let along_x = [0, 1].map(|k| scale * (w[k] + conjugate[k]));
-        let along_y = times([0.0, scale], [w[0] - conjugate[0], w[1] - conjugate[1]]);
-        [[along_x[0], along_y[0]], [along_x[1], along_y[1]]]
+        let [by_x, by_y] = [self.first[0].at(at_mm), self.first[1].at(at_mm)];
+        [0, 1].map(|k| [by_x[k], by_y[k]])
     }
 
     /// Second derivatives of both coordinates: by x twice, by x and y, by y twice, 1/mm.
     #[inline]
     pub fn second_derivatives(&self, at_mm: [f64; 2]) -> [[f64; 3]; 2] {
-        let powers = self.powers(at_mm);
-        let [ww, wc, cc] = [(2, 0), (1, 1), (0, 2)].map(|(a, b)| self.derivative(&powers, a, b));
-        let scale = self.per_radius * self.per_radius;
-        let mixed = times([0.0, scale], [ww[0] - cc[0], ww[1] - cc[1]]);
-        [0, 1].map(|k| {
-            let (even, odd) = (ww[k] + cc[k], 2.0 * wc[k]);
-            [scale * (even + odd), mixed[k], scale * (odd - even)]
-        })
+        let [xx, xy, yy] = [0, 1, 2].map(|k| self.second[k].at(at_mm));
+        [0, 1].map(|k| [xx[k], xy[k], yy[k]])
+    }
+}
+
+/// Two polynomials of x and y, as the parts of a complex one.
+#[derive(Debug, Clone, PartialEq)]
+struct Plane {
+    degree: usize,
+    /// Of xⁱ yʲ, j after j: first those of i = degree − j, last those of i = 0.
+    coefficients: Vec<Complex>,
+}
+
+impl Plane {
+    fn zero(degree: usize) -> Self {
+        Self { degree, coefficients: vec![[0.0; 2]; Correction::terms(degree)] }
     }
 
-    #[inline]
-    fn powers(&self, at_mm: [f64; 2]) -> Powers {
-        Powers::of(at_mm.map(|mm| mm * self.per_radius))
+    fn one(degree: usize) -> Self {
+        let mut one = Self::zero(degree);
+        *one.of(0, 0) = [1.0, 0.0];
+        one
     }
 
-    /// The derivative by w and by its conjugate, so many times each.
-    #[inline]
-    fn derivative(&self, powers: &Powers, by_w: usize, by_conjugate: usize) -> Complex {
-        let falling = |power: usize, times: usize| (0..times).map(|k| (power - k) as f64).product::<f64>();
-        let (mut sum, mut degree, mut b) = ([0.0; 2], 0, 0);
-        for coefficient in &self.coefficients {
-            let a = degree - b;
-            if a >= by_w && b >= by_conjugate {
-                let factor = falling(a, by_w) * falling(b, by_conjugate);
-                let [re, im] = times(*coefficient, powers.product(a - by_w, b - by_conjugate));
-                sum = [sum[0] + factor * re, sum[1] + factor * im];
+    /// The coefficient of xⁱ yʲ.
+    fn of(&mut self, i: usize, j: usize) -> &mut Complex {
+        let before = (0..j).map(|j| self.degree - j + 1).sum::<usize>();
+        &mut self.coefficients[before + self.degree - j - i]
+    }
+
+    /// i and j of all coefficients.
+    fn orders(&self) -> Vec<(usize, usize)> {
+        (0..=self.degree).flat_map(|j| (0..=self.degree - j).rev().map(move |i| (i, j))).collect()
+    }
+
+    fn add(&mut self, other: &Self, factor: Complex) {
+        for (own, other) in self.coefficients.iter_mut().zip(&other.coefficients) {
+            let [re, im] = times(*other, factor);
+            *own = [own[0] + re, own[1] + im];
+        }
+    }
+
+    /// Times x + i y; what it has of its highest degree must be none.
+    fn times_w(&self) -> Self {
+        self.times(1.0)
+    }
+
+    /// Times x − i y.
+    fn times_conjugate(&self) -> Self {
+        self.times(-1.0)
+    }
+
+    fn times(&self, sign: f64) -> Self {
+        let mut product = Self::zero(self.degree);
+        for ((i, j), [re, im]) in self.orders().into_iter().zip(&self.coefficients) {
+            if i + j < self.degree {
+                let by_x = product.of(i + 1, j);
+                *by_x = [by_x[0] + re, by_x[1] + im];
+                let by_y = product.of(i, j + 1);
+                *by_y = [by_y[0] - sign * im, by_y[1] + sign * re];
             }
-            (degree, b) = if b == degree { (degree + 1, 0) } else { (degree, b + 1) };
+        }
+        product
+    }
+
+    /// Of x and y in mm, if they were in units of a radius.
+    fn in_mm(mut self, radius_mm: f64) -> Self {
+        for (i, j) in self.orders() {
+            let scale = radius_mm.powi(-((i + j) as i32));
+            let own = self.of(i, j);
+            *own = own.map(|part| scale * part);
+        }
+        self
+    }
+
+    fn by_x(&self) -> Self {
+        self.derivative(|(i, j)| (i > 0).then(|| (i - 1, j, i as f64)))
+    }
+
+    fn by_y(&self) -> Self {
+        self.derivative(|(i, j)| (j > 0).then(|| (i, j - 1, j as f64)))
+    }
+
+    fn derivative(&self, to: impl Fn((usize, usize)) -> Option<(usize, usize, f64)>) -> Self {
+        let mut derivative = Self::zero(self.degree.saturating_sub(1));
+        for (orders, own) in self.orders().into_iter().zip(&self.coefficients) {
+            if let Some((i, j, factor)) = to(orders) {
+                *derivative.of(i, j) = own.map(|part| factor * part);
+            }
+        }
+        derivative
+    }
+
+    /// Its value, by Horner's scheme along x and along y.
+    #[inline]
+    fn at(&self, [x, y]: [f64; 2]) -> [f64; 2] {
+        let (mut sum, mut power, mut first) = ([0.0; 2], 1.0, 0);
+        for j in 0..=self.degree {
+            let end = first + self.degree - j + 1;
+            let row =
+                self.coefficients[first..end].iter().fold([0.0; 2], |[re, im], own| [re * x + own[0], im * x + own[1]]);
+            sum = [sum[0] + power * row[0], sum[1] + power * row[1]];
+            (power, first) = (power * y, end);
         }
         sum
     }
