@@ -79,8 +79,17 @@ fn bend(spec: &mut InstrumentSpec) {
     }
 }
 
+/// A camera with half as many pixels a side, twice as wide.
+pub fn coarse(camera: &Instrument) -> Instrument {
+    let mut spec = camera.clone().into_spec();
+    spec.sensor.size_px = spec.sensor.size_px.map(|size| size / 2);
+    spec.sensor.axis_px = spec.sensor.axis_px.map(|axis| 0.5 * (axis - 0.5));
+    spec.sensor.pitch_mm *= 2.0;
+    Instrument::new(spec).expect("a legal instrument")
+}
+
 /// The same camera with a smooth field of displacements in every band, root mean square `rms_px` over its circle, that no
-/// number of it stands for: terms of orders 2 to 7, drawn by number, the higher the weaker.
+/// number of it stands for: terms of orders 3 to 7, drawn by number, the higher the weaker.
 pub fn warped(camera: &Instrument, rms_px: f64, seed: u64) -> Instrument {
     const DEGREE: usize = 7;
     let mut spec = camera.clone().into_spec();
@@ -91,7 +100,7 @@ pub fn warped(camera: &Instrument, rms_px: f64, seed: u64) -> Instrument {
         let mut square = 0.0;
         for (term, (x_mm, y_mm)) in correction.x_mm.iter_mut().zip(&mut correction.y_mm).enumerate() {
             let (order, _) = Correction::orders(term);
-            if order < 2 {
+            if order < 3 {
                 continue;
             }
             let mut draw = || draws.random_range(-1.0..1.0) / order as f64;

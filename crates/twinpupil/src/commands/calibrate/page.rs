@@ -207,7 +207,7 @@ fn residuals(report: &mut Report, Findings { calibration, target, .. }: &Finding
 
 fn correction(report: &mut Report, calibration: &Calibration) {
     let Some(finding) = &calibration.correction else { return };
-    report.heading("What a smooth correction would do");
+    report.heading("A smooth correction of what is left");
     report.paragraph(&sentence(&decision(finding)));
     report.paragraph(
         "A field of displacements in every band, up to several orders, is sought together with the numbers without one part \

@@ -65,10 +65,11 @@ pub(super) fn correction_maps(instrument: &Instrument) -> Vec<Figure> {
         let sensor = [[-0.5; 2], size_px.map(|size| size - 0.5)];
         let svg = VectorMap::new(sensor, &arrows, colour(band.role)).into_svg(unit.per_px, &unit.suffix());
         let text = format!(
-            "Band {}: how far its correction displaces images, over the sensor; root mean square {} {}.",
+            "Band {}: how far its correction displaces images, over the sensor; root mean square {} {}. Beyond the dots of the \
+             frames it goes on as its terms do, and is worth little.",
             band.name,
             significant(unit.per_px * rms_px, 2),
-            unit.name
+            unit.suffix()
         );
         Some(Figure::new(svg, text))
     };
