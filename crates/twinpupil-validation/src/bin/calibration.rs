@@ -44,8 +44,8 @@ fn main() -> std::io::Result<()> {
         (Mosaic::Rgb, false, 0.0),
         (Mosaic::Rgb, true, 0.0),
         (Mosaic::Rggb, false, 0.0),
-        (Mosaic::Rgb, false, 0.1),
-        (Mosaic::Rgb, false, 0.3),
+        (Mosaic::Rgb, false, 0.01),
+        (Mosaic::Rgb, false, 0.03),
     ];
     for (number, (mosaic, is_bent, field_px)) in (1..).zip(cameras) {
         if argument(4).is_none_or(|only| only == number) {
