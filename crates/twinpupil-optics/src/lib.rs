@@ -20,6 +20,7 @@ mod conic;
 mod fresnel;
 mod grooves;
 mod lanes;
+mod launch;
 mod least_squares;
 mod ledger;
 mod line;
