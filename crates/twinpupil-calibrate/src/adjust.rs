@@ -2,13 +2,13 @@
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix4, Matrix6, SMatrix, Vector3, Vector4, Vector6};
 use rayon::prelude::*;
-use twinpupil_instrument::LensTerms;
+use twinpupil_instrument::{Correction, Displacement, LensTerms};
 
-use crate::forward::{CAMERA_SLOTS, SLOTS, Slots, View, image, spot};
+use crate::forward::{CAMERA_SLOTS, SLOTS, Slot, Slots, View, ideal_mm, image, spot};
 use crate::lattice::median;
 use crate::pose::Pose;
 use crate::stage::{StagePosition, WAY_SIZE, Way};
-use crate::unknown::Unknown;
+use crate::unknown::{Part, Unknown};
 
 /// What one band of one frame says of one dot's image.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -27,13 +27,16 @@ pub(crate) struct Observation {
 }
 
 /// A camera's band, before any unknown is moved.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub(crate) struct BandCamera {
     /// The values of the slots that are the camera's.
     pub(crate) slots: [f64; CAMERA_SLOTS],
     pub(crate) page_from_reference: [[f64; 3]; 3],
     /// What a real lens adds.
     pub(crate) lens: LensTerms,
+    correction: Option<Correction>,
+    /// The same, ready to be evaluated.
+    pub(crate) displacement: Option<Displacement>,
 }
 
 /// The dots of the target, and how well their places are known.
@@ -109,12 +112,65 @@ struct Share {
     cost: f64,
 }
 
+/// What frames say of what all frames share, their poses as suit them best: a step Δ, in the prior deviations, costs
+/// `cost − 2 score·Δ + Δ·information Δ`.
+#[derive(Debug, Clone)]
+pub(crate) struct Testimony {
+    pub(crate) information: DMatrix<f64>,
+    pub(crate) score: DVector<f64>,
+    pub(crate) cost: f64,
+}
+
 /// The equations of all, the poses eliminated.
 struct Reduced {
     factor: Cholesky<f64, Dyn>,
     score: DVector<f64>,
     /// For every frame: the inverse of its pose's information, where it has any.
     pose_inverses: Vec<Option<Matrix6<f64>>>,
+}
+
+impl Testimony {
+    fn of(share: Share) -> Self {
+        let Some(inverse) = share.pose.cholesky().map(|factor| factor.inverse()) else {
+            return Self { information: share.shared, score: share.shared_score, cost: share.cost };
+        };
+        let lever = &share.mixed * inverse;
+        Self {
+            information: share.shared - &lever * share.mixed.transpose(),
+            score: share.shared_score - lever * share.pose_score,
+            cost: share.cost - share.pose_score.dot(&(inverse * share.pose_score)),
+        }
+    }
+
+    fn with(self, other: Self) -> Self {
+        Self {
+            information: self.information + other.information,
+            score: self.score + other.score,
+            cost: self.cost + other.cost,
+        }
+    }
+}
+
+impl BandCamera {
+    pub(crate) fn new(
+        slots: [f64; CAMERA_SLOTS],
+        page_from_reference: [[f64; 3]; 3],
+        lens: LensTerms,
+        correction: Option<Correction>,
+    ) -> Self {
+        let displacement = correction.as_ref().map(Correction::displacement);
+        Self { slots, page_from_reference, lens, correction, displacement }
+    }
+
+    /// With a coefficient of its correction changed.
+    fn change_coefficient(&mut self, term: usize, axis: usize, change_mm: f64) {
+        let Some(correction) = &mut self.correction else { return };
+        [&mut correction.x_mm, &mut correction.y_mm][axis][term] += change_mm;
+    }
+
+    fn made_ready(self) -> Self {
+        Self::new(self.slots, self.page_from_reference, self.lens, self.correction)
+    }
 }
 
 impl Problem<'_> {
@@ -188,16 +244,9 @@ impl Problem<'_> {
 
     /// Eliminates the poses.
     fn reduced(&self, state: &State, shares: &[Share], damping: f64) -> Option<Reduced> {
-        let size = self.shared_size(state);
-        let (mut information, mut score) = (DMatrix::identity(size, size), DVector::zeros(size));
-        for (k, (value, unknown)) in state.values.iter().zip(self.unknowns).enumerate() {
-            score[k] = (unknown.expected - value) / unknown.prior_std;
-        }
-        if let Some(std_mm) = self.dots.place_std_mm {
-            for (k, offset) in state.offsets_mm.iter().flatten().enumerate() {
-                score[self.unknowns.len() + k] = -offset / std_mm;
-            }
-        }
+        let mut score = self.prior_score(state);
+        let size = score.len();
+        let mut information = DMatrix::identity(size, size);
         for share in shares {
             information += &share.shared;
             score += &share.shared_score;
@@ -220,6 +269,34 @@ impl Problem<'_> {
             pose_inverses.push(inverse);
         }
         Some(Reduced { factor: information.cholesky()?, score, pose_inverses })
+    }
+
+    /// What is known beforehand, in the prior deviations, the information of which is 1 each.
+    pub(crate) fn prior_score(&self, state: &State) -> DVector<f64> {
+        let mut score = DVector::zeros(self.shared_size(state));
+        for (k, (value, unknown)) in state.values.iter().zip(self.unknowns).enumerate() {
+            score[k] = (unknown.expected - value) / unknown.prior_std;
+        }
+        if let Some(std_mm) = self.dots.place_std_mm {
+            for (k, offset) in state.offsets_mm.iter().flatten().enumerate() {
+                score[self.unknowns.len() + k] = -offset / std_mm;
+            }
+        }
+        score
+    }
+
+    /// What so many parts of the frames, taken by turns, say of what all share, whatever the poses.
+    pub(crate) fn testimonies(&self, state: &State, parts: usize) -> Vec<Testimony> {
+        let cameras = self.cameras_of(&state.values);
+        let of_part = |part: usize| {
+            let frames: Vec<usize> = (part..state.poses.len()).step_by(parts).collect();
+            let of_frame = |frame: usize| Testimony::of(self.share_of(frame, &cameras, state));
+            let own: Vec<Testimony> = frames.into_par_iter().map(of_frame).collect();
+            let size = self.shared_size(state);
+            let none = Testimony { information: DMatrix::zeros(size, size), score: DVector::zeros(size), cost: 0.0 };
+            own.into_iter().fold(none, Testimony::with)
+        };
+        (0..parts).map(of_part).collect()
     }
 
     /// Unknowns that all frames share: those sought, then where dots lie, then the way of the stage.
@@ -263,12 +340,13 @@ impl Problem<'_> {
 
     fn shares(&self, state: &State) -> Vec<Share> {
         let cameras = self.cameras_of(&state.values);
-        let of_frame = |frame: usize| {
-            let first = self.observations.partition_point(|observation| observation.frame < frame);
-            let end = self.observations.partition_point(|observation| observation.frame <= frame);
-            self.share(&self.observations[first..end], &cameras, state, frame)
-        };
-        (0..state.poses.len()).into_par_iter().map(of_frame).collect()
+        (0..state.poses.len()).into_par_iter().map(|frame| self.share_of(frame, &cameras, state)).collect()
+    }
+
+    fn share_of(&self, frame: usize, cameras: &[BandCamera], state: &State) -> Share {
+        let first = self.observations.partition_point(|observation| observation.frame < frame);
+        let end = self.observations.partition_point(|observation| observation.frame <= frame);
+        self.share(&self.observations[first..end], cameras, state, frame)
     }
 
     fn share(&self, observations: &[Observation], cameras: &[BandCamera], state: &State, frame: usize) -> Share {
@@ -289,7 +367,7 @@ impl Problem<'_> {
             share.cost += doubted;
             let score = (observation.score - observation.information * (image - observation.anchor)) * weight;
             let information = observation.information * weight;
-            let columns = self.columns(observation, &gradient, &view);
+            let columns = self.columns(observation, (&slots, &view), &gradient);
             let pose: SMatrix<f64, 4, 6> = gradient.fixed_columns::<6>(CAMERA_SLOTS).into_owned();
             let pose_information = information * pose;
             share.pose += pose.transpose() * pose_information;
@@ -316,14 +394,25 @@ impl Problem<'_> {
     fn columns(
         &self,
         observation: &Observation,
+        (slots, view): (&Slots, &View<'_>),
         gradient: &SMatrix<f64, 4, SLOTS>,
-        view: &View,
     ) -> Vec<(usize, Vector4<f64>)> {
-        let mut columns = Vec::with_capacity(CAMERA_SLOTS + 2);
+        let mut columns = Vec::with_capacity(self.unknowns.len() + 2);
+        let correction = self.cameras[observation.band].correction.as_ref();
+        let polynomials = correction.map(|correction| correction.polynomials(ideal_mm(slots, view)));
+        let of = |slot: Slot| gradient.column(slot as usize);
         for (k, unknown) in self.unknowns.iter().enumerate() {
             let mut column = Vector4::zeros();
             for feed in unknown.feeds.iter().filter(|feed| feed.band == observation.band) {
-                column += gradient.column(feed.slot as usize) * (feed.factor * unknown.prior_std);
+                match (feed.part, &polynomials) {
+                    (Part::Slot(slot, factor), _) => column += of(slot) * (factor * unknown.prior_std),
+                    (Part::Coefficient(term, axis), Some(polynomials)) => {
+                        let [re, im] = polynomials[term];
+                        let [x, y] = if axis == 0 { [re, im] } else { [-im, re] };
+                        column += (of(Slot::ShiftX) * x + of(Slot::ShiftY) * y) * unknown.prior_std;
+                    }
+                    (Part::Coefficient(..), None) => {}
+                }
             }
             if column != Vector4::zeros() {
                 columns.push((k, column));
@@ -343,20 +432,24 @@ impl Problem<'_> {
         let mut cameras = self.cameras.to_vec();
         for ((unknown, value), start) in self.unknowns.iter().zip(values).zip(self.start) {
             for feed in &unknown.feeds {
-                cameras[feed.band].slots[feed.slot as usize] += feed.factor * (value - start);
+                let (camera, change) = (&mut cameras[feed.band], value - start);
+                match feed.part {
+                    Part::Slot(slot, factor) => camera.slots[slot as usize] += factor * change,
+                    Part::Coefficient(term, axis) => camera.change_coefficient(term, axis, change),
+                }
             }
         }
-        cameras
+        cameras.into_iter().map(BandCamera::made_ready).collect()
     }
 
-    pub(crate) fn look(
+    pub(crate) fn look<'c>(
         &self,
         band: usize,
         dot: usize,
-        cameras: &[BandCamera],
+        cameras: &'c [BandCamera],
         state: &State,
         pose: &Pose,
-    ) -> (Slots, View) {
+    ) -> (Slots, View<'c>) {
         let camera = &cameras[band];
         let mut slots = Slots::zeros();
         slots.as_mut_slice()[..CAMERA_SLOTS].copy_from_slice(&camera.slots);
@@ -369,6 +462,7 @@ impl Problem<'_> {
             pitch_mm: self.pitch_mm,
             page_from_reference: camera.page_from_reference,
             lens: camera.lens,
+            displacement: camera.displacement.as_ref(),
         };
         (slots, view)
     }
@@ -496,11 +590,11 @@ mod tests {
     use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
     use nalgebra::storage::Owned;
     use nalgebra::{Dyn, Rotation3};
-    use twinpupil_instrument::{Instrument, Projection, paper};
+    use twinpupil_instrument::{Instrument, Parameter, Projection, paper};
 
     use super::*;
     use crate::camera::cameras;
-    use crate::unknown::Choices;
+    use crate::unknown::{Choices, Quantity};
 
     /// MINPACK's method on all unknowns and poses at once.
     struct Dense<'a> {
@@ -567,7 +661,7 @@ mod tests {
                 let (slots, view) = self.problem.look(observation.band, observation.dot, &cameras, &state, pose);
                 let (_, gradient) = spot(&slots, &view);
                 let upper = observation.information.cholesky()?.l().transpose();
-                for (k, column) in self.problem.columns(observation, &gradient, &view) {
+                for (k, column) in self.problem.columns(observation, (&slots, &view), &gradient) {
                     jacobian.fixed_view_mut::<4, 1>(4 * place, k).copy_from(&(upper * column));
                 }
                 let first = count + 6 * observation.frame;
@@ -664,6 +758,46 @@ mod tests {
         for k in 0..unknowns.len() {
             let ratio = (own.covariance[(k, k)] / covariance[(k, k)]).sqrt();
             assert!((ratio - 1.0).abs() < 1e-3, "{}: {ratio}", unknowns[k].quantity.key(&instrument));
+        }
+    }
+
+    #[test]
+    fn columns_of_a_correction_are_differences() {
+        let mut spec = paper::instrument().into_spec();
+        spec.sensor.tilt_deg = [1.0, -0.5];
+        spec.bands[1].correction = Some(Correction::none(6.0, 3));
+        let instrument = Instrument::new(spec).expect("legal");
+        let of = |axis: usize| Quantity::Instrument(Parameter::Correction(1, 7, axis));
+        let unknowns = [0, 1].map(|axis| Unknown::of(of(axis), &instrument, 1e-3));
+        let projections: Vec<Projection> = instrument.bands.iter().map(|band| instrument.projection(band)).collect();
+        let cameras = cameras(&instrument, &projections, &[LensTerms::default(); 2], 1.0);
+        let dots = Dots { position_mm: vec![[3.0, -4.0]], diameter_mm: vec![0.9], place_std_mm: None };
+        let (rotation, translation_mm) = (Rotation3::new(Vector3::new(0.2, -0.3, 0.1)), Vector3::new(0.3, -0.2, 280.0));
+        let pose = Pose { rotation, translation_mm };
+        let state = State { values: vec![0.0; 2], poses: vec![pose], offsets_mm: vec![[0.0; 2]], way: None };
+        let problem = Problem {
+            pitch_mm: instrument.sensor.pitch_mm,
+            cameras: &cameras,
+            unknowns: &unknowns,
+            start: &[0.0; 2],
+            dots: &dots,
+            observations: &[],
+            stage: &[],
+            doubt_chi2: f64::INFINITY,
+        };
+        let (slots, view) = problem.look(1, 0, &cameras, &state, &pose);
+        let (image, gradient) = spot(&slots, &view);
+        let observation = Observation::new((0, 1, 0), image, Vector4::zeros(), Matrix4::identity());
+        let columns = problem.columns(&observation, (&slots, &view), &gradient);
+        assert_eq!(columns.len(), 2);
+        for (k, column) in columns {
+            let at = |steps: f64| {
+                let mut values = [0.0; 2];
+                values[k] = steps * 1e-3;
+                problem.image(1, 0, &problem.cameras_of(&values), &state, &pose)
+            };
+            let expected = 0.5 * (at(1.0) - at(-1.0));
+            assert!((column - expected).norm() < 1e-6 && expected.norm() > 0.02, "{k}: {column:?} {expected:?}");
         }
     }
 }

@@ -302,6 +302,7 @@ fn look(dot: &KnownDot, camera: &BandCamera, pitch_mm: f64) -> (Vector4<f64>, cr
         pitch_mm,
         page_from_reference: camera.page_from_reference,
         lens: camera.lens,
+        displacement: camera.displacement.as_ref(),
     };
     spot(&slots, &view)
 }

@@ -10,8 +10,9 @@ use twinpupil_instrument::{Frame, Instrument};
 use twinpupil_reconstruct::{Mode, Reconstructor};
 
 use crate::compare::Comparison;
+use crate::correction::{Candidate, CorrectionChoice, CorrectionFinding, tried};
 use crate::now::Now;
-use crate::result::{Calibration, Conclusion};
+use crate::result::{Calibration, Conclusion, HeldOut, held_out};
 use crate::seen::Seen;
 use crate::sighting::SightingError;
 use crate::stage::StagePosition;
@@ -154,17 +155,41 @@ impl<'a> Calibrator<'a> {
         let (mut seen, mut faults) = self.find(&reader, frames)?;
         let now = self.approach(&reader, &unknowns, &mut seen, &mut faults)?;
         let (now, comparison) = self.follow(now, &reader, &unknowns, &seen)?;
-        self.check_data_sheet(&now, &unknowns, &now.adjusted, SIGMAS_MAX)?;
+        let (fit, correction) = self.corrected(Fit::of(now, unknowns, comparison, seen.len())?, &seen)?;
+        // What a field that is not corrected does to the numbers may be too much.
+        let named: Vec<Unknown> = fit.unknowns.iter().filter(|own| !own.quantity.is_coefficient()).cloned().collect();
+        self.check_data_sheet(&fit.now, &named, &fit.now.adjusted, SIGMAS_MAX)?;
         Calibration::conclude(Conclusion {
             instrument: self.instrument,
             target: self.target,
-            unknowns: &unknowns,
-            now: &now,
+            unknowns: &fit.unknowns,
+            now: &fit.now,
             seen: &seen,
             faults,
-            observations: &comparison.observations,
-            fitness: &comparison.fitness,
+            observations: &fit.comparison.observations,
+            fitness: &fit.comparison.fitness,
+            held_out: fit.held_out,
+            correction,
         })
+    }
+
+    /// With a smooth correction, if frames that take no part bear it out.
+    fn corrected(&self, fit: Fit, seen: &[Seen<'a>]) -> Result<(Fit, Option<CorrectionFinding>), CalibrateError> {
+        if self.choices.correction == CorrectionChoice::Off {
+            return Ok((fit, None));
+        }
+        let observations = &fit.comparison.observations;
+        let Some(finding) = tried(&fit.now, &fit.unknowns, observations, seen.len()) else { return Ok((fit, None)) };
+        let candidate = finding.degree.and_then(|degree| Candidate::new(&fit.now, &fit.unknowns, observations, degree));
+        let Some(Candidate { now, unknowns }) = candidate else { return Ok((fit, Some(finding))) };
+        let now = now.adjusted_to(&unknowns, observations)?;
+        let all: Vec<usize> = (0..seen.len()).collect();
+        let before = Comparison { lights: fit.comparison.lights.clone(), ..Comparison::default() };
+        let (now, comparison) = self.settle(now, &unknowns, (seen, &all), before)?;
+        let with = Fit::of(now, unknowns, comparison, seen.len())?;
+        let held_out = fit.held_out.zip(with.held_out).map(|(without, with)| [without, with]);
+        let finding = CorrectionFinding { held_out, ..finding };
+        Ok((if finding.is_kept() { with } else { fit }, Some(finding)))
     }
 
     /// Searches all frames for the target.
@@ -232,6 +257,21 @@ impl<'a> Calibrator<'a> {
             comparison = self.compare(&mut now, frames, &comparison.lights, round)?;
         }
         Ok((now, comparison))
+    }
+}
+
+/// What frames lead to.
+struct Fit {
+    now: Now,
+    unknowns: Vec<Unknown>,
+    comparison: Comparison,
+    held_out: Option<HeldOut>,
+}
+
+impl Fit {
+    fn of(now: Now, unknowns: Vec<Unknown>, comparison: Comparison, frames: usize) -> Result<Self, CalibrateError> {
+        let held_out = held_out(&unknowns, &now, &comparison.observations, frames)?;
+        Ok(Self { now, unknowns, comparison, held_out })
     }
 }
 

@@ -32,7 +32,7 @@ pub(crate) fn cameras(
         set(Slot::P1, band.distortion.p1_per_mm);
         set(Slot::P2, band.distortion.p2_per_mm);
         set(Slot::Diameter, diameter_scale);
-        BandCamera { slots, page_from_reference: band.registration.inverse().rows(), lens: *lens }
+        BandCamera::new(slots, band.registration.inverse().rows(), *lens, band.correction.clone())
     };
     instrument.bands.iter().zip(projections).zip(lens).map(camera).collect()
 }
@@ -40,7 +40,7 @@ pub(crate) fn cameras(
 #[cfg(test)]
 mod tests {
     use nalgebra::{Rotation3, Vector3};
-    use twinpupil_instrument::{Distortion, Registration, paper};
+    use twinpupil_instrument::{Correction, Distortion, Registration, paper};
 
     use super::*;
     use crate::forward::{SLOTS, Slots, View, spot};
@@ -55,6 +55,9 @@ mod tests {
             band.plane = index.to_string();
             band.distortion =
                 Distortion { k1_per_mm2: 2e-5 * k, k2_per_mm4: -1e-7, p1_per_mm: 1e-5, p2_per_mm: -3e-5 * k };
+            let mut correction = Correction::none(6.0, 4);
+            (correction.x_mm[11], correction.y_mm[6]) = (1e-3 * k, -2e-3);
+            band.correction = Some(correction);
         }
         spec.bands[1].registration =
             Registration::from_rows([[1.01, 0.03, 5.0], [-0.03, 1.01, 9.0], [1e-6, 2e-6, 1.0]]);
@@ -74,6 +77,7 @@ mod tests {
                     pitch_mm: instrument.sensor.pitch_mm,
                     page_from_reference: camera.page_from_reference,
                     lens: camera.lens,
+                    displacement: camera.displacement.as_ref(),
                 };
                 let (found, _) = spot(&slots, &view);
                 let expected = instrument.page(band).to_page(projections[index].image(object_mm));

@@ -2,13 +2,13 @@
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector4};
 use num_dual::{DualNum, jacobian};
-use twinpupil_instrument::LensTerms;
+use twinpupil_instrument::{Displacement, LensTerms};
 
 /// What one dot's image in one band depends on.
-pub(crate) const SLOTS: usize = 21;
+pub(crate) const SLOTS: usize = 23;
 
 /// The first of them are the band's own, then come the three turns and the three shifts of the target's pose.
-pub(crate) const CAMERA_SLOTS: usize = 15;
+pub(crate) const CAMERA_SLOTS: usize = 17;
 
 /// A number of a band's camera, by its place among the slots.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -32,6 +32,9 @@ pub(crate) enum Slot {
     P2,
     /// Diameter of the dots over what the target states.
     Diameter,
+    /// How far the light of this spot lands beside where all else says, on the plane at L, mm.
+    ShiftX,
+    ShiftY,
 }
 
 /// Values of the slots.
@@ -42,7 +45,7 @@ pub(crate) type Gradient = SMatrix<f64, 4, SLOTS>;
 
 /// What is looked at: a dot of the target, in the pose that turns and shifts start from.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct View {
+pub(crate) struct View<'a> {
     pub(crate) target_mm: [f64; 2],
     pub(crate) diameter_mm: f64,
     pub(crate) rotation: Matrix3<f64>,
@@ -51,10 +54,12 @@ pub(crate) struct View {
     pub(crate) page_from_reference: [[f64; 3]; 3],
     /// What a real lens adds.
     pub(crate) lens: LensTerms,
+    /// The correction of the band, if it has one.
+    pub(crate) displacement: Option<&'a Displacement>,
 }
 
 /// u and v of a spot's centre on the page of its band, its radius and its blur, px, and their exact derivatives.
-pub(crate) fn spot(slots: &Slots, view: &View) -> (Vector4<f64>, Gradient) {
+pub(crate) fn spot(slots: &Slots, view: &View<'_>) -> (Vector4<f64>, Gradient) {
     jacobian(|slots| image(&slots, view), slots)
 }
 
@@ -70,30 +75,26 @@ pub(crate) fn spot(slots: &Slots, view: &View) -> (Vector4<f64>, Gradient) {
 /// e = (p + lens height)/L, at p + e h with h = τ·p/(1 − τ·e), and there L counts as L + h. The image of a disc of
 /// radius ϱ that leans by θ along the unit vector k is an ellipse, centred `m′ ϱ² (k sinθ cosθ + (p′/m) sin²θ)` beside the
 /// image of its centre; dashes are changes with z.
-pub(crate) fn image<D: DualNum<f64> + Copy>(slots: &SVector<D, SLOTS>, view: &View) -> SVector<D, 4> {
+pub(crate) fn image<D: DualNum<f64> + Copy>(slots: &SVector<D, SLOTS>, view: &View<'_>) -> SVector<D, 4> {
     let at = |slot: Slot| slots[slot as usize];
     let (l, f, d) = (at(Slot::SensorDistance), at(Slot::FocalLength), at(Slot::PupilPosition));
     let tau = [at(Slot::TiltU), at(Slot::TiltV)];
     let pupil = [at(Slot::PupilX), at(Slot::PupilY)];
     let placed = Placed::of(slots, view);
-    let [x, y, z] = placed.centre;
-    let z = z + view.lens.farther_mm;
-    let behind = d.re() >= 0.0;
-    let b = if behind { -(d / f) + 1.0 } else { D::one() };
-    let cone = d + b * z;
-    let magnification = |l: D| (l * b - d * (-(l / f) + 1.0)) / cone;
-    let shift = |l: D| -(l + (-(l / f) + 1.0) * z) / cone;
-    let (m, s) = (magnification(l), shift(l));
-    let [px, py] = distorted([m * x + s * pupil[0], m * y + s * pupil[1]], slots, view.lens.cubic_per_mm2);
+    let cone = Cone::of(slots, view, &placed);
+    let (m, s) = (cone.magnification(l), cone.shift(l));
+    let ideal = cone.ideal(slots, &placed);
+    let (lens, own) = (distorted(ideal, slots, view.lens.cubic_per_mm2), displaced(ideal, slots, view));
+    let [px, py] = [lens[0] + own[0], lens[1] + own[1]];
     // The chief ray from the lens to the plane at L.
-    let share = if behind { -(d / l) + 1.0 } else { -(d * (l.recip() - f.recip())) + 1.0 };
+    let share = if d.re() >= 0.0 { -(d / l) + 1.0 } else { -(d * (l.recip() - f.recip())) + 1.0 };
     let slope = |p: D, c: D| (p + (c + d / l * p) / share) / l;
     let e = [slope(px, pupil[0]), slope(py, pupil[1])];
     let h = (tau[0] * px + tau[1] * py) / (-(tau[0] * e[0] + tau[1] * e[1]) + 1.0);
     let local_l = l + h;
     let radius = at(Slot::Diameter) * (0.5 * view.diameter_mm);
-    let m_slope = -(b * m / cone);
-    let s_slope = -((-(l / f) + 1.0 + b * s) / cone);
+    let m_slope = -(cone.b * m / cone.width);
+    let s_slope = -((-(l / f) + 1.0 + cone.b * s) / cone.width);
     let beside = m_slope * radius * radius;
     let across = [0, 1].map(|k| {
         let drift = m_slope * placed.centre[k] + s_slope * pupil[k];
@@ -104,9 +105,53 @@ pub(crate) fn image<D: DualNum<f64> + Copy>(slots: &SVector<D, SLOTS>, view: &Vi
     let longer = (tau[0] * across[0] + tau[1] * across[1]) / ((tau[0] * tau[0] + tau[1] * tau[1] + 1.0).sqrt() + 1.0);
     let centre = [0, 1].map(|k| (across[k] + tau[k] * longer) / view.pitch_mm);
     let [u, v] = on_page([centre[0] + at(Slot::AxisU), centre[1] + at(Slot::AxisV)], &view.page_from_reference);
-    let radius_px = magnification(local_l) * radius / view.pitch_mm;
-    let blur_px = -(at(Slot::PupilRadius) * shift(local_l)) / view.pitch_mm;
+    let radius_px = cone.magnification(local_l) * radius / view.pitch_mm;
+    let blur_px = -(at(Slot::PupilRadius) * cone.shift(local_l)) / view.pitch_mm;
     SVector::from([u, v, radius_px, blur_px])
+}
+
+/// Where an ideal lens would image a dot, mm.
+pub(crate) fn ideal_mm(slots: &Slots, view: &View<'_>) -> [f64; 2] {
+    let placed = Placed::of(slots, view);
+    Cone::of(slots, view, &placed).ideal(slots, &placed)
+}
+
+/// The light of a dot through a pupil.
+struct Cone<D> {
+    /// f, d, z and b.
+    f: D,
+    d: D,
+    z: D,
+    b: D,
+    /// d + b z.
+    width: D,
+}
+
+impl<D: DualNum<f64> + Copy> Cone<D> {
+    fn of(slots: &SVector<D, SLOTS>, view: &View<'_>, placed: &Placed<D>) -> Self {
+        let at = |slot: Slot| slots[slot as usize];
+        let (f, d, z) = (at(Slot::FocalLength), at(Slot::PupilPosition), placed.centre[2] + view.lens.farther_mm);
+        let b = if d.re() >= 0.0 { -(d / f) + 1.0 } else { D::one() };
+        Self { f, d, z, b, width: d + b * z }
+    }
+
+    /// m at L.
+    fn magnification(&self, l: D) -> D {
+        (l * self.b - self.d * (-(l / self.f) + 1.0)) / self.width
+    }
+
+    /// s at L.
+    fn shift(&self, l: D) -> D {
+        -(l + (-(l / self.f) + 1.0) * self.z) / self.width
+    }
+
+    /// p, before anything displaces it.
+    fn ideal(&self, slots: &SVector<D, SLOTS>, placed: &Placed<D>) -> [D; 2] {
+        let l = slots[Slot::SensorDistance as usize];
+        let (m, s) = (self.magnification(l), self.shift(l));
+        let pupil = [Slot::PupilX, Slot::PupilY].map(|slot| slots[slot as usize]);
+        [0, 1].map(|k| m * placed.centre[k] + s * pupil[k])
+    }
 }
 
 /// A dot in space and the way its surface leans.
@@ -119,7 +164,7 @@ struct Placed<D> {
 }
 
 impl<D: DualNum<f64> + Copy> Placed<D> {
-    fn of(slots: &SVector<D, SLOTS>, view: &View) -> Self {
+    fn of(slots: &SVector<D, SLOTS>, view: &View<'_>) -> Self {
         let turn = [0, 1, 2].map(|k| slots[CAMERA_SLOTS + k]);
         let shift = [0, 1, 2].map(|k| slots[CAMERA_SLOTS + 3 + k]);
         let [tx, ty] = view.target_mm;
@@ -158,6 +203,17 @@ fn distorted<D: DualNum<f64> + Copy>([x, y]: [D; 2], slots: &SVector<D, SLOTS>, 
     ]
 }
 
+/// How much farther the correction has it, and the slots that stand for one.
+fn displaced<D: DualNum<f64> + Copy>(ideal: [D; 2], slots: &SVector<D, SLOTS>, view: &View<'_>) -> [D; 2] {
+    let shift = [Slot::ShiftX, Slot::ShiftY].map(|slot| slots[slot as usize]);
+    let Some(displacement) = view.displacement else { return shift };
+    let at_mm = ideal.map(|coordinate| coordinate.re());
+    let (offset, slopes) = (displacement.at(at_mm), displacement.jacobian(at_mm));
+    // Its value is none: first derivatives are all that is asked for.
+    let beside = [0, 1].map(|k| ideal[k] - at_mm[k]);
+    [0, 1].map(|k| shift[k] + beside[0] * slopes[k][0] + beside[1] * slopes[k][1] + offset[k])
+}
+
 /// A position on the reference frame, on the page of a band.
 fn on_page<D: DualNum<f64> + Copy>([u, v]: [D; 2], rows: &[[f64; 3]; 3]) -> [D; 2] {
     let [x, y, w] = rows.map(|[a, b, c]| u * a + v * b + c);
@@ -166,6 +222,8 @@ fn on_page<D: DualNum<f64> + Copy>([u, v]: [D; 2], rows: &[[f64; 3]; 3]) -> [D; 
 
 #[cfg(test)]
 mod tests {
+    use twinpupil_instrument::Correction;
+
     use super::*;
 
     pub(crate) const UNTURNED: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
@@ -173,14 +231,14 @@ mod tests {
     fn slots() -> Slots {
         let mut slots = Slots::zeros();
         let values = [
-            151.0, 98.0, 99.0, 0.5, 0.03, -0.02, 955.0, 602.0, 0.004, -0.006, 2e-5, 1e-7, 1e-5, -2e-5, 1.01, 0.0, 0.0,
-            0.0, 1.5, -0.8, 281.0,
+            151.0, 98.0, 99.0, 0.5, 0.03, -0.02, 955.0, 602.0, 0.004, -0.006, 2e-5, 1e-7, 1e-5, -2e-5, 1.01, 1e-3,
+            -2e-3, 0.0, 0.0, 0.0, 1.5, -0.8, 281.0,
         ];
         slots.as_mut_slice().copy_from_slice(&values);
         slots
     }
 
-    fn view() -> View {
+    fn view(displacement: &Displacement) -> View<'_> {
         View {
             target_mm: [3.0, -4.5],
             diameter_mm: 0.9,
@@ -188,12 +246,16 @@ mod tests {
             pitch_mm: 0.00586,
             page_from_reference: [[1.01, 0.02, 3.0], [-0.02, 1.01, -4.0], [1e-6, -2e-6, 1.0]],
             lens: LensTerms::default(),
+            displacement: Some(displacement),
         }
     }
 
     #[test]
     fn derivatives_are_those_of_small_steps() {
-        let (slots, view) = (slots(), view());
+        let mut correction = Correction::none(6.0, 3);
+        (correction.x_mm[7], correction.y_mm[4]) = (0.02, -0.03);
+        let displacement = correction.displacement();
+        let (slots, view) = (slots(), view(&displacement));
         let (_, gradient) = spot(&slots, &view);
         for slot in 0..SLOTS {
             let step = 1e-5 * slots[slot].abs().max(1e-3);
@@ -223,6 +285,7 @@ mod tests {
             pitch_mm: 0.01,
             page_from_reference: UNTURNED,
             lens: LensTerms::default(),
+            displacement: None,
         };
         let (entocentric, _) = spot(&slots, &view);
         slots[Slot::PupilPosition as usize] = 100.0;

@@ -14,6 +14,7 @@ mod axis;
 mod calibrate;
 mod camera;
 mod compare;
+mod correction;
 mod forward;
 mod lattice;
 mod now;
@@ -27,6 +28,7 @@ mod unknown;
 
 pub use axis::{AxisError, AxisEstimate, AxisFinder};
 pub use calibrate::{CalibrateError, Calibrator, Fault, Foreign, FrameFault, Stage};
+pub use correction::{CorrectionChoice, CorrectionFinding, CorrectionTrial};
 pub use pose::Pose;
 pub use result::{Calibration, FrameResult, HeldOut, LeftOpen, Number, OffStage, Residual};
 pub use sighting::SightingError;

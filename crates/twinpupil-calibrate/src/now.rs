@@ -83,13 +83,29 @@ impl Now {
         observations: &[Observation],
     ) -> Result<Self, CalibrateError> {
         let mut adjusted = self.solved(unknowns, observations, DOUBT)?;
-        let problem = self.problem(unknowns, observations, DOUBT);
-        let scale = problem.typical_chi2(&adjusted.state) / MEDIAN_CHI2;
-        if scale > 1.0 {
-            let problem = self.problem(unknowns, observations, DOUBT * scale);
+        let doubt_chi2 = self.doubt_chi2(unknowns, observations, &adjusted.state);
+        if doubt_chi2 > DOUBT {
+            let problem = self.problem(unknowns, observations, doubt_chi2);
             adjusted = problem.adjust(adjusted.state).ok_or(UNSOLVED)?;
         }
         Ok(self.moved_to(unknowns, adjusted)?)
+    }
+
+    /// χ² of an observation beyond which it is doubted where this state explains them.
+    pub(crate) fn doubt_chi2(&self, unknowns: &[Unknown], observations: &[Observation], state: &State) -> f64 {
+        let typical = self.problem(unknowns, observations, DOUBT).typical_chi2(state);
+        DOUBT * (typical / MEDIAN_CHI2).max(1.0)
+    }
+
+    /// Root mean square distance of the places that observations find most likely from where the images are, px.
+    pub(crate) fn rms_px(&self, observations: &[Observation]) -> f64 {
+        let problem = self.problem(&[], observations, DOUBT);
+        let state = &self.adjusted.state;
+        let square = |own: &Observation| {
+            let image = problem.image(own.band, own.dot, &self.cameras, state, &state.poses[own.frame]);
+            (own.change - (image - own.anchor)).xy().norm_squared()
+        };
+        (observations.iter().map(square).sum::<f64>() / observations.len().max(1) as f64).sqrt()
     }
 
     /// What explains observations best that are doubted beyond a χ² of `doubt_chi2`.

@@ -7,6 +7,7 @@ use crate::adjust::{Observation, Problem};
 use crate::advice::advice;
 use crate::calibrate::{CalibrateError, Fault};
 use crate::compare::Fitness;
+use crate::correction::CorrectionFinding;
 use crate::forward::{CAMERA_SLOTS, Slot, spot};
 use crate::lattice::median;
 use crate::now::Now;
@@ -38,6 +39,8 @@ pub struct Calibration {
     pub rms_px: f64,
     /// What frames that took no part in a calibration say of it; `None` of a single frame.
     pub held_out: Option<HeldOut>,
+    /// What was found of a smooth correction, if one was tried.
+    pub correction: Option<CorrectionFinding>,
     /// What would make it better, in sentences.
     pub advice: Vec<String>,
 }
@@ -153,14 +156,20 @@ pub(crate) struct Conclusion<'a> {
     pub(crate) faults: Vec<Fault>,
     pub(crate) observations: &'a [Observation],
     pub(crate) fitness: &'a [Fitness],
+    pub(crate) held_out: Option<HeldOut>,
+    pub(crate) correction: Option<CorrectionFinding>,
 }
+
+/// Parts of the frames that are held out one after the other, at most.
+pub(crate) const PARTS_MAX: usize = 10;
 
 /// A number is left open if the frames leave this share of its tolerance.
 const OPEN_SHARE: f64 = 0.5;
 
 impl Calibration {
     pub(crate) fn conclude(conclusion: Conclusion<'_>) -> Result<Self, CalibrateError> {
-        let Conclusion { instrument, target, unknowns, now, seen, faults, observations, fitness } = conclusion;
+        let Conclusion { instrument, target, unknowns, now, seen, faults, observations, fitness, held_out, correction } =
+            conclusion;
         let problem = now.problem(unknowns, observations, f64::INFINITY);
         let residuals = residuals(&problem, now, seen, observations);
         // Of places alone: size and blur count for less than they are known to.
@@ -178,7 +187,6 @@ impl Calibration {
                 FrameResult { off_stage: off_stage(&problem, now, place), ..result }
             })
             .collect();
-        let held_out = held_out(unknowns, now, observations, seen.len())?;
         let mut calibration = Self {
             instrument: now.instrument.clone(),
             numbers,
@@ -190,6 +198,7 @@ impl Calibration {
             offsets_mm: now.dots.place_std_mm.map(|_| now.adjusted.state.offsets_mm.clone()),
             reduced_chi2,
             held_out,
+            correction,
             advice: Vec::new(),
         };
         calibration.advice = advice(&calibration, target);
@@ -219,6 +228,11 @@ impl Calibration {
             std,
             frames,
         }
+    }
+
+    /// The numbers that were sought but the coefficients of a correction, with their places among all.
+    pub fn named(&self) -> impl Iterator<Item = (usize, &Number)> {
+        self.numbers.iter().enumerate().filter(|(_, number)| !number.quantity.is_coefficient())
     }
 
     /// A number by its key.
@@ -264,7 +278,7 @@ fn numbers(
         let std = covariance[(k, k)].sqrt();
         let key = |quantity: Quantity| quantity.key(instrument);
         let alone = if data[k] > 0.0 { data[k].sqrt().recip() } else { f64::INFINITY };
-        let left_open = if std < OPEN_SHARE * unknown.prior_std {
+        let left_open = if std < OPEN_SHARE * unknown.prior_std || unknown.quantity.is_coefficient() {
             None
         } else if alone > OPEN_SHARE {
             Some(LeftOpen::Unseen)
@@ -319,13 +333,12 @@ fn off_stage(problem: &Problem<'_>, now: &Now, place: usize) -> Option<OffStage>
 }
 
 /// Calibrates again without a part of the frames, and finds how the depth of their dots fits the target's plane.
-fn held_out(
+pub(crate) fn held_out(
     unknowns: &[Unknown],
     now: &Now,
     observations: &[Observation],
     frames: usize,
 ) -> Result<Option<HeldOut>, CalibrateError> {
-    const PARTS_MAX: usize = 10;
     if frames < 2 {
         return Ok(None);
     }

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use thiserror::Error;
 use twinpupil_instrument::{DistortionTerm, Instrument, InstrumentSpec, Lens, Parameter};
 
+use crate::correction::CorrectionChoice;
 use crate::forward::Slot;
 
 /// A number that calibration determines.
@@ -21,6 +22,8 @@ pub enum Quantity {
 pub struct Choices {
     /// Standard deviations that replace those of [`tolerance`], by key; 0 holds a number fast.
     pub prior_std: BTreeMap<String, f64>,
+    /// Whether what they leave may be corrected.
+    pub correction: CorrectionChoice,
 }
 
 /// A key that is none.
@@ -45,6 +48,11 @@ impl Quantity {
         }
     }
 
+    /// Whether it is a coefficient of a smooth correction, which means nothing by itself.
+    pub fn is_coefficient(self) -> bool {
+        matches!(self, Self::Instrument(Parameter::Correction(..)))
+    }
+
     /// Everything that could be sought for an instrument.
     pub fn all(instrument: &Instrument) -> Vec<Self> {
         let parameters = Parameter::all(instrument).into_iter().map(Self::Instrument);
@@ -62,12 +70,31 @@ pub(crate) struct Unknown {
     pub(crate) feeds: Vec<Feed>,
 }
 
-/// A slot of a band's camera that an unknown moves, and by how much.
+impl Unknown {
+    /// A number of an instrument, known to be what its file says within a deviation.
+    pub(crate) fn of(quantity: Quantity, instrument: &Instrument, prior_std: f64) -> Self {
+        let expected = match quantity {
+            Quantity::Instrument(parameter) => parameter.value(instrument),
+            Quantity::DotDiameter => 1.0,
+        };
+        Self { quantity, expected, prior_std, feeds: feeds(quantity, instrument) }
+    }
+}
+
+/// What of a band's camera an unknown moves.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Feed {
     pub(crate) band: usize,
-    pub(crate) slot: Slot,
-    pub(crate) factor: f64,
+    pub(crate) part: Part,
+}
+
+/// A part of a band's camera.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Part {
+    /// A slot, by so much of the unknown.
+    Slot(Slot, f64),
+    /// A coefficient of the correction: its term, along x or y.
+    Coefficient(usize, usize),
 }
 
 impl Choices {
@@ -80,11 +107,7 @@ impl Choices {
         }
         let unknown = |(quantity, key): (Quantity, String)| {
             let prior_std = self.prior_std.get(&key).copied().unwrap_or_else(|| tolerance(quantity, instrument));
-            let expected = match quantity {
-                Quantity::Instrument(parameter) => parameter.value(instrument),
-                Quantity::DotDiameter => 1.0,
-            };
-            (prior_std > 0.0).then(|| Unknown { quantity, expected, prior_std, feeds: feeds(quantity, instrument) })
+            (prior_std > 0.0).then(|| Unknown::of(quantity, instrument, prior_std))
         };
         Ok(all.into_iter().zip(keys).filter_map(unknown).collect())
     }
@@ -93,7 +116,7 @@ impl Choices {
 /// How far a camera off its data sheet may be from it: the standard deviation that a number is given beforehand, 0 for
 /// one that is held fast.
 ///
-/// What is held fast: the position of the entocentric pupil, from which z counts, and distortion beyond its first term.
+/// What is held fast: the position of the entocentric pupil, from which z counts, distortion beyond its first term, and corrections.
 pub fn tolerance(quantity: Quantity, instrument: &Instrument) -> f64 {
     const FOCAL_LENGTH: f64 = 0.02;
     const SENSOR_DISTANCE: f64 = 0.02;
@@ -121,24 +144,24 @@ pub fn tolerance(quantity: Quantity, instrument: &Instrument) -> f64 {
             let [width, height] = instrument.sensor.size_px.map(|size| 0.5 * size as f64 * instrument.sensor.pitch_mm);
             DISTORTION / (width * width + height * height)
         }
-        Parameter::Distortion(..) => 0.0,
+        Parameter::Distortion(..) | Parameter::Correction(..) => 0.0,
     }
 }
 
 /// What a quantity moves; nothing if no band's image depends on it.
 fn feeds(quantity: Quantity, instrument: &Instrument) -> Vec<Feed> {
     let bands = 0..instrument.bands.len();
-    let of_all = |slot: Slot| bands.clone().map(|band| Feed { band, slot, factor: 1.0 }).collect();
+    let of_all = |slot: Slot| bands.clone().map(|band| Feed { band, part: Part::Slot(slot, 1.0) }).collect();
     let Quantity::Instrument(parameter) = quantity else { return of_all(Slot::Diameter) };
     let through = |index: usize, slot: Slot| {
         let through = |band: &usize| instrument.pupil_index(&instrument.bands[*band]) == index;
         let factor = |band: usize| imaged(parameter, instrument, band, slot);
-        bands.clone().filter(through).map(|band| Feed { band, slot, factor: factor(band) }).collect()
+        bands.clone().filter(through).map(|band| Feed { band, part: Part::Slot(slot, factor(band)) }).collect()
     };
     match parameter {
         Parameter::SensorDistance => of_all(Slot::SensorDistance),
         Parameter::FocalLength => of_all(Slot::FocalLength),
-        Parameter::BandFocalLength(band) => vec![Feed { band, slot: Slot::FocalLength, factor: 1.0 }],
+        Parameter::BandFocalLength(band) => vec![Feed { band, part: Part::Slot(Slot::FocalLength, 1.0) }],
         Parameter::Axis(0) => of_all(Slot::AxisU),
         Parameter::Axis(_) => of_all(Slot::AxisV),
         Parameter::AperturePosition(index) => through(index, Slot::PupilPosition),
@@ -157,7 +180,7 @@ fn feeds(quantity: Quantity, instrument: &Instrument) -> Vec<Feed> {
             let tilt_rad = instrument.sensor.tilt_deg[axis].to_radians();
             let factor = 1.0_f64.to_radians() / tilt_rad.cos().powi(2);
             let slot = if axis == 0 { Slot::TiltU } else { Slot::TiltV };
-            bands.map(|band| Feed { band, slot, factor }).collect()
+            bands.map(|band| Feed { band, part: Part::Slot(slot, factor) }).collect()
         }
         Parameter::Distortion(band, term) => {
             let slot = match term {
@@ -166,8 +189,9 @@ fn feeds(quantity: Quantity, instrument: &Instrument) -> Vec<Feed> {
                 DistortionTerm::P1 => Slot::P1,
                 DistortionTerm::P2 => Slot::P2,
             };
-            vec![Feed { band, slot, factor: 1.0 }]
+            vec![Feed { band, part: Part::Slot(slot, 1.0) }]
         }
+        Parameter::Correction(band, term, axis) => vec![Feed { band, part: Part::Coefficient(term, axis) }],
     }
 }
 
@@ -213,7 +237,7 @@ mod tests {
     fn a_deviation_of_0_holds_fast_and_a_wrong_key_is_named() {
         let instrument = paper::instrument();
         let seeks = |key: &str, std: f64| {
-            let choices = Choices { prior_std: BTreeMap::from([(key.to_owned(), std)]) };
+            let choices = Choices { prior_std: BTreeMap::from([(key.to_owned(), std)]), ..Choices::default() };
             choices.unknowns(&instrument)
         };
         let has =

@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::{Distortion, Registration};
+use crate::{Correction, Distortion, Registration};
 
 /// What a band's pupil makes of depth.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
@@ -47,4 +47,7 @@ pub struct Band {
     /// How the lens departs from an ideal one's perspective in this band; not at all if left out.
     #[serde(default, skip_serializing_if = "Distortion::is_none")]
     pub distortion: Distortion,
+    /// What else displaces its images, smooth over the sensor; nothing if left out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub correction: Option<Correction>,
 }

@@ -105,7 +105,7 @@ impl Instrument {
         check_pupils(&spec, &ideal)?;
         let instrument = Self { spec, ideal };
         for (index, band) in instrument.bands.iter().enumerate() {
-            instrument.page(band).check(&instrument.sensor, index)?;
+            instrument.page(band).check(&instrument.sensor, band, index)?;
         }
         if let Some(calibration) = &instrument.spec.calibration {
             calibration.check(&instrument)?;
@@ -122,7 +122,7 @@ impl Instrument {
     pub fn to_toml(&self) -> String {
         let text = toml::to_string(&self.spec).expect("a checked instrument is plain data");
         let mut document: toml_edit::DocumentMut = text.parse().expect("it was printed just now");
-        for (tables, key) in [("band", "distortion"), ("aperture", "zones")] {
+        for (tables, key) in [("band", "distortion"), ("band", "correction"), ("aperture", "zones")] {
             for table in document[tables].as_array_of_tables_mut().into_iter().flat_map(|tables| tables.iter_mut()) {
                 put_on_one_line(table, key);
             }
@@ -343,6 +343,9 @@ fn check_bands(spec: &InstrumentSpec) -> Result<(), ValueError> {
         }
         check_registration(spec, i)?;
         band.distortion.check(&format!("band[{i}].distortion"))?;
+        if let Some(correction) = &band.correction {
+            correction.check(&format!("band[{i}].correction"))?;
+        }
     }
     Ok(())
 }

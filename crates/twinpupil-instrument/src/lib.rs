@@ -12,6 +12,7 @@ pub mod builtin;
 mod calibration;
 mod catalogue;
 pub mod check;
+mod correction;
 mod crosstalk;
 mod cube;
 mod dispersion;
@@ -38,11 +39,13 @@ mod sensor;
 mod spectra;
 pub mod text;
 mod thick;
+mod warp;
 
 pub use aperture::{Annulus, Aperture, Zone};
 pub use band::{Band, Role};
 pub use calibration::{CalibrationFrame, CalibrationSpec};
 pub use catalogue::Catalogue;
+pub use correction::{Correction, Displacement};
 pub use crosstalk::CrosstalkSpec;
 pub use cube::CubePlane;
 pub use distortion::Distortion;
@@ -64,3 +67,4 @@ pub use response::{BandResponse, Grid, LensTerms, PointResponse, PointSpread, Re
 pub use sensor::Sensor;
 pub use spectra::{ResponseMatrix, SpectraError, SpectraSpec, SpectralTable};
 pub use thick::MaskImage;
+pub use warp::Warp;

@@ -3,13 +3,13 @@
 
 use crate::check::ValueError;
 use crate::homography::Homography;
-use crate::{Band, Distortion, ImagePoint, PixelPoint, Projection, Sensor};
+use crate::{Band, Distortion, ImagePoint, PixelPoint, Projection, Sensor, Warp};
 
 /// One smooth map between the ideal image plane of a band, across the axis at `sensor.distance_mm`, and the pixels of
 /// the band's page.
 ///
 /// ```text
-/// ideal image point ─ distortion ─► plane at L ─ chief rays ─► tilted sensor ─ axis_px, pitch_mm ─► reference frame
+/// ideal image point ─ distortion, correction ─► plane at L ─ chief rays ─► tilted sensor ─ axis_px, pitch_mm ─► reference frame
 ///                                                                           ─ registration⁻¹ ─► page
 /// ```
 ///
@@ -24,8 +24,8 @@ use crate::{Band, Distortion, ImagePoint, PixelPoint, Projection, Sensor};
 /// which is a homography. Light out of focus is met by the sensor nearer or farther along its rays: [`Page::drift`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Page {
-    distortion: Distortion,
-    /// Whether there is a distortion.
+    /// Distortion and correction.
+    warp: Warp,
     is_distorted: bool,
     /// Distance from the axis up to which the distortion is what its coefficients say, mm: that of the farthest pixel.
     /// Beyond it the map goes on in a straight line, since a polynomial may turn back.
@@ -56,9 +56,10 @@ impl Page {
     pub fn new(sensor: &Sensor, band: &Band, projection: &Projection) -> Self {
         let tilt = Tilt::of(sensor, projection);
         let plane_from_px = tilt.plane_from_sensor().after(&sensor_from_px(sensor, band));
+        let warp = Warp::of(band);
         let mut page = Self {
-            distortion: band.distortion,
-            is_distorted: !band.distortion.is_none(),
+            is_distorted: !warp.is_none(),
+            warp,
             reach_mm: f64::INFINITY,
             tilt,
             px_from_plane: plane_from_px.inverse(),
@@ -93,7 +94,7 @@ impl Page {
         if !self.is_distorted {
             return self.px_from_plane.jacobian(ideal);
         }
-        product(self.px_from_plane.jacobian(self.distorted(ideal)), self.distortion.jacobian(self.within_reach(ideal)))
+        product(self.px_from_plane.jacobian(self.distorted(ideal)), self.warp.jacobian(self.within_reach(ideal)))
     }
 
     /// How the ideal image point changes with the place on the page, row by row, mm/px.
@@ -171,7 +172,7 @@ impl Page {
         if !self.is_distorted {
             return projected;
         }
-        let slope = self.distortion.jacobian(self.within_reach(ideal));
+        let slope = self.warp.jacobian(self.within_reach(ideal));
         let ([[a, b], [c, d]], [[xxx, xxy, xyy], [yxx, yxy, yyy]]) = (slope, self.distortion_bend(ideal));
         let per_area = 1.0 / determinant(slope);
         let lens =
@@ -187,7 +188,7 @@ impl Page {
         if !self.is_distorted {
             return projected;
         }
-        let [[a, b], [c, d]] = self.distortion.jacobian(self.within_reach(ideal));
+        let [[a, b], [c, d]] = self.warp.jacobian(self.within_reach(ideal));
         let (outer, lens) = (self.px_from_plane.jacobian(plane), self.distortion_bend(ideal));
         [0, 1].map(|k| {
             let [xx, xy, yy] = projected[k];
@@ -200,7 +201,7 @@ impl Page {
 
     /// Second derivatives of the distortion; none beyond its reach.
     fn distortion_bend(&self, ideal: [f64; 2]) -> [[f64; 3]; 2] {
-        if self.within_reach(ideal) == ideal { self.distortion.second_derivatives(ideal) } else { [[0.0; 3]; 2] }
+        if self.within_reach(ideal) == ideal { self.warp.second_derivatives(ideal) } else { [[0.0; 3]; 2] }
     }
 
     /// The nearest point towards the axis up to which the distortion is known.
@@ -221,11 +222,11 @@ impl Page {
             return ideal;
         }
         let known = self.within_reach(ideal);
-        let [x, y] = self.distortion.map(known);
+        let [x, y] = self.warp.map(known);
         if known == ideal {
             return [x, y];
         }
-        let [[a, b], [c, d]] = self.distortion.jacobian(known);
+        let [[a, b], [c, d]] = self.warp.jacobian(known);
         let beyond = [ideal[0] - known[0], ideal[1] - known[1]];
         [x + a * beyond[0] + b * beyond[1], y + c * beyond[0] + d * beyond[1]]
     }
@@ -242,7 +243,7 @@ impl Page {
         let mut ideal = plane;
         for _ in 0..ROUNDS {
             let image = self.distorted(ideal);
-            let [[a, b], [c, d]] = inverse(self.distortion.jacobian(self.within_reach(ideal)));
+            let [[a, b], [c, d]] = inverse(self.warp.jacobian(self.within_reach(ideal)));
             let off = [plane[0] - image[0], plane[1] - image[1]];
             let step = [a * off[0] + b * off[1], c * off[0] + d * off[1]];
             ideal = [ideal[0] + step[0], ideal[1] + step[1]];
@@ -257,7 +258,7 @@ impl Page {
     ///
     /// The chief rays must meet the sensor from its front, and along straight lines from the axis to its rim no
     /// distorted image may turn back: there the Jacobian of the distortion stays positive.
-    pub(crate) fn check(&self, sensor: &Sensor, index: usize) -> Result<(), ValueError> {
+    pub(crate) fn check(&self, sensor: &Sensor, band: &Band, index: usize) -> Result<(), ValueError> {
         const STEPS: usize = 16;
         const DETERMINANT_MIN: f64 = 0.05;
         const TOLERANCE_MM: f64 = 1e-9;
@@ -275,17 +276,14 @@ impl Page {
                 let share = step as f64 / STEPS as f64;
                 let plane = [share * x, share * y];
                 let ideal = self.undistorted(plane);
-                let image = self.distortion.map(ideal);
+                let image = self.warp.map(ideal);
                 let off_mm = (image[0] - plane[0]).hypot(image[1] - plane[1]);
                 // Also true for NaN.
-                !(determinant(self.distortion.jacobian(ideal)) > DETERMINANT_MIN && off_mm < TOLERANCE_MM)
+                !(determinant(self.warp.jacobian(ideal)) > DETERMINANT_MIN && off_mm < TOLERANCE_MM)
             })
         };
         if self.is_distorted && rim(sensor).any(folds) {
-            let legal = "coefficients at which no two points of the image fall together on the sensor";
-            let Distortion { k1_per_mm2, k2_per_mm4, p1_per_mm, p2_per_mm } = self.distortion;
-            let value = format!("{k1_per_mm2}, {k2_per_mm4}, {p1_per_mm}, {p2_per_mm}");
-            return Err(ValueError::new(format!("band[{index}].distortion"), value, legal));
+            return Err(folding(band, index));
         }
         Ok(())
     }
@@ -340,6 +338,19 @@ fn sensor_from_px(sensor: &Sensor, band: &Band) -> Homography {
     reference.after(&band.registration.homography)
 }
 
+/// What is wrong with a band whose image folds.
+fn folding(band: &Band, index: usize) -> ValueError {
+    let legal = "coefficients at which no two points of the image fall together on the sensor";
+    if let Some(correction) = &band.correction {
+        let coefficients = || correction.x_mm.iter().chain(&correction.y_mm);
+        let largest_mm = coefficients().fold(0.0, |largest: f64, coefficient| largest.max(coefficient.abs()));
+        return ValueError::new(format!("band[{index}].correction"), format!("up to {largest_mm} mm a term"), legal);
+    }
+    let Distortion { k1_per_mm2, k2_per_mm4, p1_per_mm, p2_per_mm } = band.distortion;
+    let value = format!("{k1_per_mm2}, {k2_per_mm4}, {p1_per_mm}, {p2_per_mm}");
+    ValueError::new(format!("band[{index}].distortion"), value, legal)
+}
+
 /// Points all along the outer edge of a page.
 fn rim(sensor: &Sensor) -> impl Iterator<Item = PixelPoint> {
     const STEPS: usize = 16;
@@ -369,10 +380,19 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::{Instrument, Registration, paper};
+    use crate::{Correction, Instrument, Registration, paper};
 
     const DISTORTION: Distortion =
         Distortion { k1_per_mm2: -8e-4, k2_per_mm4: 4e-6, p1_per_mm: 2e-4, p2_per_mm: -3e-4 };
+
+    /// Some tenths of a pixel, in all terms.
+    fn correction() -> Correction {
+        let mut correction = Correction::none(7.0, 5);
+        for (term, (x_mm, y_mm)) in correction.x_mm.iter_mut().zip(&mut correction.y_mm).enumerate() {
+            (*x_mm, *y_mm) = (4e-4 * (term as f64 + 1.0).sin(), 4e-4 * (term as f64 + 1.0).cos());
+        }
+        correction
+    }
 
     /// A camera with everything that can be askew; the pupil of the telecentric band lies off the axis.
     fn askew() -> Instrument {
@@ -381,6 +401,7 @@ mod tests {
         spec.sensor.tilt_deg = [0.9, -2.0];
         for (band, plane) in spec.bands.iter_mut().zip(["0", "1"]) {
             (band.plane, band.distortion) = (plane.to_owned(), DISTORTION);
+            band.correction = Some(correction());
         }
         // A mirror image, turned and 2 % larger.
         let (sin, cos) = 3.0_f64.to_radians().sin_cos();
@@ -399,7 +420,7 @@ mod tests {
         fn there_and_back_is_the_identity(u in -0.5..1919.5_f64, v in -0.5..1199.5_f64) {
             for page in pages(&askew()) {
                 let back = page.to_page(page.to_image(PixelPoint { u, v }));
-                prop_assert!((back.u - u).abs() < 1e-8 && (back.v - v).abs() < 1e-8, "{u} {v} {back:?}");
+                prop_assert!((back.u - u).abs() < 1e-9 && (back.v - v).abs() < 1e-9, "{u} {v} {back:?}");
             }
         }
 
@@ -510,9 +531,28 @@ mod tests {
     }
 
     #[test]
+    fn a_correction_adds_to_the_distortion() {
+        let mut spec = paper::instrument().into_spec();
+        spec.bands[0].correction = Some(Correction { radius_mm: 5.0, x_mm: vec![0.0; 6], y_mm: vec![0.0; 6] });
+        let before = Instrument::new(spec.clone()).expect("legal");
+        assert!(before.page(&before.bands[0]).raster().is_some());
+        // (n, m) = (2, 0) is 2 ρ² − 1, ρ² = 0.5.
+        spec.bands[0].correction.as_mut().expect("stated").y_mm[4] = 0.01;
+        spec.bands[0].correction.as_mut().expect("stated").x_mm[0] = 0.00293;
+        let after = Instrument::new(spec).expect("legal");
+        let image = ImagePoint { x_mm: 2.5, y_mm: -2.5 };
+        let [a, b] = [&before, &after].map(|own| own.page(&own.bands[0]).to_page(image));
+        assert!((b.u - a.u - 0.5).abs() < 1e-9 && (b.v - a.v).abs() < 1e-9, "{a:?} {b:?}");
+        let [a, b] = [&before, &after].map(|own| own.page(&own.bands[0]).to_page(ImagePoint::default()));
+        assert!((b.v - a.v + 0.01 / 0.00586).abs() < 1e-9, "{a:?} {b:?}");
+        assert_eq!(Instrument::from_toml(&after.to_toml()).expect("legal"), after);
+    }
+
+    #[test]
     fn beyond_the_sensor_the_map_does_not_turn_back() {
         let mut spec = paper::instrument().into_spec();
         spec.bands[0].distortion = Distortion { k1_per_mm2: -2.5e-3, ..Distortion::default() };
+        spec.bands[0].correction = Some(correction());
         let instrument = Instrument::new(spec).expect("legal");
         let page = instrument.page(&instrument.bands[0]);
         let mut before_px = 0.0;
@@ -537,6 +577,12 @@ mod tests {
         // r (1 − k r²) is largest at r = 1/√(3 k) = 5.8 mm, and 3.8 mm there; the corner lies 6.6 mm off the axis.
         let message = refused(&|spec| spec.bands[1].distortion.k1_per_mm2 = -1e-2);
         assert!(message.starts_with("`band[1].distortion` is -0.01, 0, 0, 0; legal: coefficients at"), "{message}");
+        let message = refused(&|spec| {
+            let mut correction = Correction::none(5.0, 4);
+            correction.x_mm[10] = 2.0;
+            spec.bands[1].correction = Some(correction);
+        });
+        assert!(message.starts_with("`band[1].correction` is up to 2 mm a term; legal: coefficients at"), "{message}");
         let message = refused(&|spec| spec.bands[0].distortion.p1_per_mm = f64::NAN);
         assert!(message.starts_with("`band[0].distortion.p1_per_mm` is NaN"), "{message}");
         let message = refused(&|spec| spec.sensor.tilt_deg = [0.0, 10.1]);

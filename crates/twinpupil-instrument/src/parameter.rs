@@ -23,6 +23,8 @@ pub enum Parameter {
     Tilt(usize),
     /// A term of the `distortion` of the band with this index.
     Distortion(usize, DistortionTerm),
+    /// A coefficient of the `correction` of the band with this index: its term, along x or y.
+    Correction(usize, usize, usize),
 }
 
 /// A coefficient of a band's distortion.
@@ -63,7 +65,11 @@ impl Parameter {
         all.push(Self::SensorDistance);
         all.extend([0, 1].map(Self::Axis));
         all.extend([0, 1].map(Self::Tilt));
-        all.extend(bands.flat_map(|band| DistortionTerm::ALL.map(|term| Self::Distortion(band, term))));
+        all.extend(bands.clone().flat_map(|band| DistortionTerm::ALL.map(|term| Self::Distortion(band, term))));
+        for band in bands {
+            let terms = instrument.bands[band].correction.as_ref().map_or(0, |correction| correction.x_mm.len());
+            all.extend((0..terms).flat_map(|term| [0, 1].map(|axis| Self::Correction(band, term, axis))));
+        }
         for (index, aperture) in instrument.apertures.iter().enumerate() {
             all.push(Self::AperturePosition(index));
             all.extend([0, 1].map(|axis| Self::ApertureCentre(index, axis)));
@@ -85,6 +91,9 @@ impl Parameter {
             Self::ZoneRadius(index, zone) => format!("aperture[{index}].zones[{zone}].radius_mm"),
             Self::Tilt(axis) => format!("sensor.tilt_deg[{axis}]"),
             Self::Distortion(band, term) => format!("band[{band}].distortion.{}", term.key()),
+            Self::Correction(band, term, axis) => {
+                format!("band[{band}].correction.{}[{term}]", ["x_mm", "y_mm"][axis])
+            }
         }
     }
 
@@ -93,7 +102,7 @@ impl Parameter {
         Self::all(instrument).into_iter().find(|parameter| parameter.key(instrument) == key)
     }
 
-    /// Its value, in the unit of its key; a zone without end has an infinite radius.
+    /// Its value, in the unit of its key; a zone without end has an infinite radius, a correction that is not stated 0.
     pub fn value(self, instrument: &InstrumentSpec) -> f64 {
         match self {
             Self::SensorDistance => instrument.sensor.distance_mm,
@@ -115,6 +124,11 @@ impl Parameter {
                     DistortionTerm::P1 => distortion.p1_per_mm,
                     DistortionTerm::P2 => distortion.p2_per_mm,
                 }
+            }
+            Self::Correction(band, term, axis) => {
+                let correction = instrument.bands[band].correction.as_ref();
+                let of_axis = correction.map(|own| [&own.x_mm, &own.y_mm][axis]);
+                of_axis.and_then(|coefficients| coefficients.get(term)).copied().unwrap_or(0.0)
             }
         }
     }
@@ -147,6 +161,14 @@ impl Parameter {
                     DistortionTerm::P2 => distortion.p2_per_mm = value,
                 }
             }
+            Self::Correction(band, term, axis) => {
+                if let Some(correction) = &mut instrument.bands[band].correction {
+                    let [x_mm, y_mm] = [&mut correction.x_mm, &mut correction.y_mm];
+                    if let Some(own) = [x_mm, y_mm][axis].get_mut(term) {
+                        *own = value;
+                    }
+                }
+            }
         }
     }
 }
@@ -158,7 +180,9 @@ mod tests {
 
     #[test]
     fn every_parameter_has_a_key_of_its_own_and_keeps_what_it_is_given() {
-        let instrument = paper::instrument();
+        let mut spec = paper::instrument().into_spec();
+        spec.bands[1].correction = Some(crate::Correction::none(6.0, 2));
+        let instrument = Instrument::new(spec).expect("legal");
         for (place, parameter) in Parameter::all(&instrument).into_iter().enumerate() {
             assert_eq!(Parameter::of_key(&instrument, &parameter.key(&instrument)), Some(parameter));
             let mut spec = instrument.clone().into_spec();

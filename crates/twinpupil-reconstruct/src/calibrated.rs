@@ -2,7 +2,7 @@
 
 use nalgebra::Dyn;
 use nalgebra::{DMatrix, Matrix3, OMatrix, SMatrix, SVector, U3};
-use twinpupil_instrument::{Instrument, Page, Parameter, Projection, Role};
+use twinpupil_instrument::{Instrument, InstrumentSpec, Page, Parameter, Projection, Role};
 
 /// An instrument whose numbers have a covariance.
 #[derive(Debug, Clone)]
@@ -28,10 +28,12 @@ impl Calibrated {
         let calibration = instrument.calibration.as_ref()?;
         let rows = calibration.covariance();
         let covariance = DMatrix::from_fn(rows.len(), rows.len(), |i, k| rows[i][k]);
+        // What is known of the numbers need not be checked with every step.
+        let plain = InstrumentSpec { calibration: None, ..instrument.clone().into_spec() };
         let moved = calibration.parameters.iter().zip(&calibration.std).map(|(key, std)| {
             let parameter = Parameter::of_key(instrument, key)?;
             let step = (STEP * std).max(1e-9 * parameter.value(instrument).abs()).max(1e-15);
-            let mut spec = instrument.clone().into_spec();
+            let mut spec = plain.clone();
             parameter.set(&mut spec, parameter.value(instrument) + step);
             Some((Pair::of(&Instrument::new(spec).ok()?), step))
         });

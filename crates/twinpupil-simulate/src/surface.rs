@@ -1,6 +1,6 @@
 //! The sensor's surface in space, and where the rays of its pixels cross the ideal image plane.
 
-use twinpupil_instrument::{Band, Distortion, ImagePoint, PixelPoint, Projection, Registration, Sensor};
+use twinpupil_instrument::{Band, ImagePoint, PixelPoint, Projection, Registration, Sensor, Warp};
 
 /// The surface of a sensor as one band's rays leave it: tilted, and behind a lens with distortion.
 ///
@@ -17,7 +17,7 @@ pub(crate) struct Surface {
     along_u_mm: [f64; 3],
     along_v_mm: [f64; 3],
     pupil: Pupil,
-    distortion: Distortion,
+    warp: Warp,
     /// Whether every ray starts where it crosses the ideal plane.
     is_ideal: bool,
 }
@@ -50,6 +50,7 @@ impl Surface {
     ) -> Self {
         let [along_u_mm, along_v_mm] =
             unit_vectors(sensor.slope()).map(|unit| unit.map(|component| sensor.pitch_mm * component));
+        let warp = Warp::of(band);
         Self {
             axis_px: sensor.axis_px,
             distance_mm: sensor.distance_mm,
@@ -57,8 +58,8 @@ impl Surface {
             along_u_mm,
             along_v_mm,
             pupil: Pupil::of(projection, focal_length_mm),
-            distortion: band.distortion,
-            is_ideal: sensor.tilt_deg == [0.0; 2] && band.distortion.is_none(),
+            is_ideal: sensor.tilt_deg == [0.0; 2] && warp.is_none(),
+            warp,
         }
     }
 
@@ -70,12 +71,17 @@ impl Surface {
     /// Where the rays from a place of the page start on the ideal image plane.
     pub(crate) fn start(&self, pixel: PixelPoint) -> Start {
         let from_mm = self.point_mm(pixel);
-        let through = |pupil: [f64; 2]| self.undistorted(self.crossing(from_mm, pupil));
-        let centre = through([0.0, 0.0]);
+        let plane = self.crossing(from_mm, [0.0, 0.0]);
+        let (centre, inverse) = self.undistorted(plane);
         if from_mm[2] == self.distance_mm {
             return Start { centre, per_pupil: [[0.0; 2]; 2] };
         }
         // Linear in the pupil point but for the distortion, which hardly bends over so short a way.
+        let through = |pupil: [f64; 2]| {
+            let crossing = self.crossing(from_mm, pupil);
+            let [x, y] = turned(inverse, [crossing[0] - plane[0], crossing[1] - plane[1]]);
+            ImagePoint { x_mm: centre.x_mm + x, y_mm: centre.y_mm + y }
+        };
         let [left, right, up, down] = [[-1.0, 0.0], [1.0, 0.0], [0.0, -1.0], [0.0, 1.0]].map(through);
         let half = |a: f64, b: f64| 0.5 * (b - a);
         Start {
@@ -113,31 +119,43 @@ impl Surface {
         [x + share * along_x, y + share * along_y]
     }
 
-    /// The point that the lens images at `plane`: every round closes nearly all of the gap that is left, by a difference
-    /// of the distortion.
-    fn undistorted(&self, plane: [f64; 2]) -> ImagePoint {
+    /// The point that the lens images at `plane`, and how it changes with that: every round closes nearly all of the gap that
+    /// is left, by a difference of the distortion.
+    fn undistorted(&self, plane: [f64; 2]) -> (ImagePoint, [[f64; 2]; 2]) {
         const ROUNDS: usize = 50;
         const RESTING_MM: f64 = 1e-12;
         const STEP_MM: f64 = 1e-4;
         let [mut x, mut y] = plane;
-        if self.distortion.is_none() {
-            return ImagePoint { x_mm: x, y_mm: y };
+        let mut inverse = [[1.0, 0.0], [0.0, 1.0]];
+        if self.warp.is_none() {
+            return (ImagePoint { x_mm: x, y_mm: y }, inverse);
         }
+        let mut last_mm = f64::INFINITY;
         for _ in 0..ROUNDS {
-            let image = self.distortion.map([x, y]);
+            let image = self.warp.map([x, y]);
             let gap = [plane[0] - image[0], plane[1] - image[1]];
-            if gap[0].abs() + gap[1].abs() < RESTING_MM {
+            let gap_mm = gap[0].abs() + gap[1].abs();
+            if gap_mm < RESTING_MM {
                 break;
             }
-            let (by_x, by_y) = (self.distortion.map([x + STEP_MM, y]), self.distortion.map([x, y + STEP_MM]));
-            let [a, c] = [0, 1].map(|k| (by_x[k] - image[k]) / STEP_MM);
-            let [b, d] = [0, 1].map(|k| (by_y[k] - image[k]) / STEP_MM);
-            let determinant = a * d - b * c;
-            x += (d * gap[0] - b * gap[1]) / determinant;
-            y += (a * gap[1] - c * gap[0]) / determinant;
+            // As long as they close a gap well the differences stay.
+            if gap_mm > 1e-2 * last_mm || last_mm == f64::INFINITY {
+                let (by_x, by_y) = (self.warp.map([x + STEP_MM, y]), self.warp.map([x, y + STEP_MM]));
+                let [a, c] = [0, 1].map(|k| (by_x[k] - image[k]) / STEP_MM);
+                let [b, d] = [0, 1].map(|k| (by_y[k] - image[k]) / STEP_MM);
+                let per_area = 1.0 / (a * d - b * c);
+                inverse = [[d * per_area, -b * per_area], [-c * per_area, a * per_area]];
+            }
+            let step = turned(inverse, gap);
+            (x, y, last_mm) = (x + step[0], y + step[1], gap_mm);
         }
-        ImagePoint { x_mm: x, y_mm: y }
+        (ImagePoint { x_mm: x, y_mm: y }, inverse)
     }
+}
+
+/// A vector through a matrix.
+fn turned([[a, b], [c, d]]: [[f64; 2]; 2], [x, y]: [f64; 2]) -> [f64; 2] {
+    [a * x + b * y, c * x + d * y]
 }
 
 impl Start {
@@ -196,7 +214,7 @@ fn unit_vectors([a, b]: [f64; 2]) -> [[f64; 3]; 2] {
 
 #[cfg(test)]
 mod tests {
-    use twinpupil_instrument::{Instrument, paper};
+    use twinpupil_instrument::{Correction, Instrument, paper};
 
     use super::*;
 
@@ -219,6 +237,9 @@ mod tests {
     #[test]
     fn rays_through_the_middle_of_the_pupil_start_where_the_page_says() {
         let mut spec = paper::instrument().into_spec();
+        let mut correction = Correction::none(6.0, 4);
+        (correction.x_mm[9], correction.y_mm[12]) = (2e-3, -1e-3);
+        spec.bands[1].correction = Some(correction);
         spec.sensor.tilt_deg = [1.5, -3.0];
         spec.bands[0].distortion.k1_per_mm2 = 3e-4;
         spec.bands[1].distortion.p1_per_mm = 2e-4;

@@ -2,11 +2,13 @@
 
 use std::borrow::Cow;
 
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
 use twinpupil_calibrate::{
     AxisError, AxisEstimate, AxisFinder, CalibrateError, Calibration, Calibrator, Choices, StagePosition, Target,
     TargetKind, TargetSpec,
 };
-use twinpupil_instrument::{Distortion, Frame, Instrument, InstrumentSpec, Lens, Mosaic, paper};
+use twinpupil_instrument::{Correction, Distortion, Frame, Instrument, InstrumentSpec, Lens, Mosaic, paper};
 use twinpupil_optics::response_table_for;
 use twinpupil_reconstruct::{Mode, Options, Reconstructor};
 use twinpupil_simulate::{Dot, DotGrid, Expectation, Pattern, Plate, Scene, SceneSpec, TiltAxis};
@@ -75,6 +77,42 @@ fn bend(spec: &mut InstrumentSpec) {
     for (band, share) in spec.bands.iter_mut().zip([1e-3, -0.8e-3]) {
         band.distortion = Distortion { k1_per_mm2: share / square, ..Distortion::default() };
     }
+}
+
+/// A camera with half as many pixels a side, twice as wide.
+pub fn coarse(camera: &Instrument) -> Instrument {
+    let mut spec = camera.clone().into_spec();
+    spec.sensor.size_px = spec.sensor.size_px.map(|size| size / 2);
+    spec.sensor.axis_px = spec.sensor.axis_px.map(|axis| 0.5 * (axis - 0.5));
+    spec.sensor.pitch_mm *= 2.0;
+    Instrument::new(spec).expect("a legal instrument")
+}
+
+/// The same camera with a smooth field of displacements in every band, root mean square `rms_px` over its circle, that no
+/// number of it stands for: terms of orders 3 to 7, drawn by number, the higher the weaker.
+pub fn warped(camera: &Instrument, rms_px: f64, seed: u64) -> Instrument {
+    const DEGREE: usize = 7;
+    let mut spec = camera.clone().into_spec();
+    let (pitch_mm, radius_mm) = (spec.sensor.pitch_mm, camera.corner_radius_mm());
+    for (band, own) in spec.bands.iter_mut().enumerate() {
+        let mut draws = Pcg64Mcg::seed_from_u64(1000 * seed + band as u64);
+        let mut correction = Correction::none(radius_mm, DEGREE);
+        let mut square = 0.0;
+        for (term, (x_mm, y_mm)) in correction.x_mm.iter_mut().zip(&mut correction.y_mm).enumerate() {
+            let (order, _) = Correction::orders(term);
+            if order < 3 {
+                continue;
+            }
+            let mut draw = || draws.random_range(-1.0..1.0) / order as f64;
+            (*x_mm, *y_mm) = (draw(), draw());
+            // The mean square of a circle polynomial over the circle is 1/(n + 1).
+            square += (x_mm.powi(2) + y_mm.powi(2)) / (order as f64 + 1.0);
+        }
+        let scale = rms_px * pitch_mm / square.sqrt();
+        correction.x_mm.iter_mut().chain(&mut correction.y_mm).for_each(|coefficient| *coefficient *= scale);
+        own.correction = Some(correction);
+    }
+    Instrument::new(spec).expect("a legal instrument")
 }
 
 /// A grid of 9 × 7 dots with a pitch of 1.5 mm.

@@ -5,11 +5,13 @@ use std::io::Write;
 use std::time::Instant;
 
 use rayon::prelude::*;
-use twinpupil_calibrate::{CalibrateError, Calibration, Choices, Number, Quantity};
+use twinpupil_calibrate::{
+    CalibrateError, Calibration, Choices, CorrectionChoice, CorrectionFinding, Number, Quantity,
+};
 use twinpupil_instrument::{Instrument, Mosaic};
 use twinpupil_simulate::Scene;
 use twinpupil_validation::calibration::{
-    DepthError, Exposures, POSES, axis, calibrate, calibrated, data_sheet, off_data_sheet, target,
+    DepthError, Exposures, POSES, axis, calibrate, calibrated, coarse, data_sheet, off_data_sheet, target, warped,
 };
 use twinpupil_validation::plates::Pose;
 
@@ -23,10 +25,11 @@ const MAX_MM: f64 = 0.05;
 /// Other frames: random dots.
 const PLATES: [Pose; 4] = [Pose::Facing(262.0), Pose::Facing(290.0), Pose::Facing(338.0), Pose::Tilted(25.0)];
 
-/// A camera, whether it is bent, and how often it is calibrated.
+/// A camera, whether it is bent, what smooth field it has, and how often it is calibrated.
 struct Run {
     mosaic: Mosaic,
     is_bent: bool,
+    field_px: f64,
     times: u64,
     seed: u64,
     rays: usize,
@@ -37,10 +40,16 @@ fn main() -> std::io::Result<()> {
     let (times, seed) = (argument(1).unwrap_or(1).max(1), argument(2).unwrap_or(1));
     let rays = argument(3).map_or(RAYS, |rays| rays as usize);
     let mut out = std::io::stdout().lock();
-    let cameras = [(Mosaic::Rgb, false), (Mosaic::Rgb, true), (Mosaic::Rggb, false)];
-    for (number, (mosaic, is_bent)) in (1..).zip(cameras) {
+    let cameras = [
+        (Mosaic::Rgb, false, 0.0),
+        (Mosaic::Rgb, true, 0.0),
+        (Mosaic::Rggb, false, 0.0),
+        (Mosaic::Rgb, false, 0.01),
+        (Mosaic::Rgb, false, 0.03),
+    ];
+    for (number, (mosaic, is_bent, field_px)) in (1..).zip(cameras) {
         if argument(4).is_none_or(|only| only == number) {
-            Run { mosaic, is_bent, times, seed, rays }.print(&mut out)?;
+            Run { mosaic, is_bent, field_px, times, seed, rays }.print(&mut out)?;
         }
     }
     Ok(())
@@ -52,15 +61,23 @@ struct Outcome {
     calibration: Calibration,
     errors: Vec<DepthError>,
     dots: usize,
+    /// Errors of the calibration without its correction, if it has one.
+    plain: Option<Vec<DepthError>>,
 }
 
 impl Run {
     fn print(&self, out: &mut impl Write) -> std::io::Result<()> {
-        let Self { mosaic, is_bent, times, seed, rays } = *self;
+        let Self { mosaic, is_bent, field_px, times, seed, rays } = *self;
         let bent = if is_bent { ", sensor tilted by 0.3°, distortion 0.1 %" } else { "" };
-        writeln!(out, "{}{bent}", mosaic.name())?;
-        let (sheet, target) = (data_sheet(mosaic), target());
-        let truth = off_data_sheet(&sheet, is_bent);
+        let field =
+            if field_px > 0.0 { format!(", a smooth field of {field_px} px rms in every band") } else { String::new() };
+        writeln!(out, "{}{bent}{field}", mosaic.name())?;
+        let (mut sheet, target) = (data_sheet(mosaic), target());
+        let mut truth = off_data_sheet(&sheet, is_bent);
+        if field_px > 0.0 {
+            // Fields take their time to trace.
+            (sheet, truth) = (coarse(&sheet), warped(&coarse(&truth), field_px, seed));
+        }
         let targets = Exposures::of_target(truth.clone(), &target, &POSES, rays);
         let plates: Vec<Scene> = PLATES.iter().map(|pose| pose.scene(seed)).collect();
         let plates = Exposures::new(truth.clone(), plates, rays);
@@ -79,7 +96,11 @@ impl Run {
             let calibration = calibrate(&sheet, &target, &frames, &Choices::default())?;
             let seconds = start.elapsed().as_secs_f64();
             let (errors, dots) = plates.depth_errors(&calibrated(&calibration), seed + time);
-            Ok(Outcome { seconds, calibration, errors, dots })
+            let choices = Choices { correction: CorrectionChoice::Off, ..Choices::default() };
+            let is_kept = calibration.correction.as_ref().is_some_and(CorrectionFinding::is_kept);
+            let plain = if is_kept { Some(calibrate(&sheet, &target, &frames, &choices)?) } else { None };
+            let plain = plain.map(|plain| plates.depth_errors(&calibrated(&plain), seed + time).0);
+            Ok(Outcome { seconds, calibration, errors, dots, plain })
         };
         let first = one(0);
         if let Ok(first) = &first {
@@ -123,7 +144,7 @@ impl Run {
 
 impl Outcome {
     fn print(&self, out: &mut impl Write, time: usize) -> std::io::Result<()> {
-        let Self { seconds, calibration, errors, dots } = self;
+        let Self { seconds, calibration, errors, dots, plain } = self;
         writeln!(
             out,
             "  {time}: {seconds:.2} s, χ² {:.2}, {:.4} px rms; rms of z {:.4} mm, at most {:.4}, {} of {dots} dots",
@@ -132,14 +153,26 @@ impl Outcome {
             DepthError::rms_mm(errors),
             DepthError::max_mm(errors),
             errors.len()
-        )
+        )?;
+        if let Some(finding) = &calibration.correction {
+            write!(out, "    held out, over deviation: {:.2}", finding.error_without)?;
+            for trial in &finding.trials {
+                write!(out, ", order {} {:.3} ({:+.1})", trial.degree, trial.error, trial.gain_sigmas)?;
+            }
+            writeln!(out, "; {:?} {:?}", finding.degree, finding.held_out)?;
+        }
+        if let Some(plain) = plain {
+            let [rms_mm, max_mm] = [DepthError::rms_mm(plain), DepthError::max_mm(plain)];
+            writeln!(out, "    without correction: rms of z {rms_mm:.4} mm, at most {max_mm:.4}")?;
+        }
+        Ok(())
     }
 }
 
 /// The first of many, number by number.
 fn print_numbers(out: &mut impl Write, calibration: &Calibration, truth: &Instrument) -> std::io::Result<()> {
     writeln!(out, "  held out {:?}", calibration.held_out)?;
-    for number in &calibration.numbers {
+    for (_, number) in calibration.named() {
         let expected = true_value(number, truth);
         let sigmas = (number.value - expected) / number.std;
         writeln!(
@@ -175,10 +208,10 @@ struct Tally {
 
 impl Tally {
     fn add(&mut self, calibration: &Calibration, truth: &Instrument, errors: &[DepthError]) {
-        self.keys = calibration.numbers.iter().map(|number| number.key.clone()).collect();
+        self.keys = calibration.named().map(|(_, number)| number.key.clone()).collect();
         self.sums.resize(self.keys.len(), 0.0);
         self.squares.resize(self.keys.len(), 0.0);
-        for ((sum, square), number) in self.sums.iter_mut().zip(&mut self.squares).zip(&calibration.numbers) {
+        for ((sum, square), (_, number)) in self.sums.iter_mut().zip(&mut self.squares).zip(calibration.named()) {
             let sigmas = (number.value - true_value(number, truth)) / number.std;
             (*sum, *square) = (*sum + sigmas, *square + sigmas * sigmas);
         }

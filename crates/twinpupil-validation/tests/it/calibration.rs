@@ -51,6 +51,13 @@ fn a_camera_off_its_data_sheet_is_calibrated() {
 }
 
 #[test]
+fn a_camera_that_its_numbers_describe_is_given_no_correction() {
+    let finding = calibration().correction.as_ref().expect("seven frames");
+    assert!(finding.degree.is_none() && !finding.is_kept(), "{finding:?}");
+    assert!(calibration().instrument.bands.iter().all(|band| band.correction.is_none()));
+}
+
+#[test]
 fn other_frames_then_give_the_depth_of_random_dots() {
     let plates =
         Exposures::new(truth(), vec![Pose::Facing(270.0).scene(3), Pose::Facing(330.0).scene(4)], PUPIL_SAMPLES);

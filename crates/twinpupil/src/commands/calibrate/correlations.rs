@@ -1,6 +1,6 @@
 //! How the numbers of a calibration hang together.
 
-use twinpupil_calibrate::Calibration;
+use twinpupil_calibrate::{Calibration, Number};
 
 use crate::plot::Colour;
 use crate::report::escaped;
@@ -15,11 +15,12 @@ pub(super) struct Pair {
 
 /// The pairs whose correlation is beyond a limit, the strongest first, so many at most.
 pub(super) fn strongest(calibration: &Calibration, beyond: f64, count: usize) -> Vec<Pair> {
-    let numbers = calibration.numbers.len();
+    let named: Vec<usize> = calibration.named().map(|(index, _)| index).collect();
     let pair =
         |first: usize, second: usize| Pair { first, second, correlation: correlation(calibration, first, second) };
-    let mut pairs: Vec<Pair> = (0..numbers)
-        .flat_map(|second| (0..second).map(move |first| pair(first, second)))
+    let mut pairs: Vec<Pair> = (0..named.len())
+        .flat_map(|place| (0..place).map(move |before| (before, place)))
+        .map(|(before, place)| pair(named[before], named[place]))
         .filter(|pair| pair.correlation.abs() > beyond)
         .collect();
     pairs.sort_by(|a, b| b.correlation.abs().total_cmp(&a.correlation.abs()));
@@ -43,7 +44,7 @@ const TOLD: f64 = 0.8;
 
 /// All correlations as a triangle of cells whose colour tells the sign and whose depth tells the size.
 pub(super) fn triangle(calibration: &Calibration) -> String {
-    let numbers = &calibration.numbers;
+    let numbers: Vec<(usize, &Number)> = calibration.named().collect();
     let cell = ((WIDTH - KEYS) / numbers.len().max(1) as f64).min(CELL_MAX);
     let (width, height) = (KEYS + cell * numbers.len() as f64, cell * (numbers.len() as f64 + 1.0));
     let size = (0.42 * cell).clamp(5.0, 12.0);
@@ -51,12 +52,12 @@ pub(super) fn triangle(calibration: &Calibration) -> String {
         "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width:.1} {height:.1}\" width=\"{width:.1}\" \
          height=\"{height:.1}\" role=\"img\" font-family=\"system-ui, sans-serif\" font-size=\"{size:.1}\">\n"
     );
-    for (row, number) in numbers.iter().enumerate() {
+    for (row, (index, number)) in numbers.iter().enumerate() {
         let baseline = (row as f64 + 0.5) * cell + 0.36 * size;
         svg += &label([KEYS - 8.0, baseline], "end", &format!("{}  {}", number.key, row + 1));
-        for (column, other) in numbers[..=row].iter().enumerate() {
+        for (column, (beside, other)) in numbers[..=row].iter().enumerate() {
             let names = [&other.key, &number.key];
-            svg += &square(cell, [column, row], size, names, correlation(calibration, column, row));
+            svg += &square(cell, [column, row], size, names, correlation(calibration, *beside, *index));
         }
     }
     for column in 0..numbers.len() {

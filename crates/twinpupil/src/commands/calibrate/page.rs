@@ -1,8 +1,11 @@
 //! The report as one page.
 
-use twinpupil_calibrate::{Calibration, Fault, FrameResult, LeftOpen, Number, Target};
+use twinpupil_calibrate::{
+    Calibration, CorrectionFinding, CorrectionTrial, Fault, FrameResult, LeftOpen, Number, Target,
+};
 use twinpupil_instrument::Instrument;
 
+use super::corrected::decision;
 use super::correlations::{self, Pair};
 use super::measured::{measured, significant, stated};
 use super::plots;
@@ -31,6 +34,7 @@ pub(super) fn page(findings: &Findings<'_>) -> Report {
     numbers(&mut report, findings.calibration);
     correlated(&mut report, findings.calibration);
     residuals(&mut report, findings);
+    correction(&mut report, findings.calibration);
     depth(&mut report, findings);
     frames(&mut report, findings);
     report
@@ -149,7 +153,7 @@ fn numbers(report: &mut Report, calibration: &Calibration) {
             remark(number, off),
         ]
     };
-    report.table(&columns, &calibration.numbers.iter().map(row).collect::<Vec<_>>());
+    report.table(&columns, &calibration.named().map(|(_, number)| row(number)).collect::<Vec<_>>());
 }
 
 fn remark(number: &Number, off: f64) -> String {
@@ -199,6 +203,41 @@ fn residuals(report: &mut Report, Findings { calibration, target, .. }: &Finding
     if let Some(offsets_mm) = &calibration.offsets_mm {
         report.figures(&[plots::target_map(target, offsets_mm)]);
     }
+}
+
+fn correction(report: &mut Report, calibration: &Calibration) {
+    let Some(finding) = &calibration.correction else { return };
+    report.heading("A smooth correction of what is left");
+    report.paragraph(&sentence(&decision(finding)));
+    report.paragraph(
+        "A field of displacements in every band, up to several orders, is sought together with the numbers without one part \
+         of the frames after the other; then those say how well they fit. What numbers of the camera or poses do as well is \
+         left to them: shift, scale, tilt and the first term of distortion. A correction is worth it if χ² of the frames held \
+         out falls by more than two of its standard errors, and depth in them gets better.",
+    );
+    let columns = [
+        Column::text("terms"),
+        Column::number("coefficients"),
+        Column::number("error over deviation, held out"),
+        Column::number("gain in standard errors"),
+    ];
+    let none = ["none".to_owned(), "0".to_owned(), format!("{:.3}", finding.error_without), String::new()];
+    let row = |trial: &CorrectionTrial| {
+        [
+            format!("up to order {}{}", trial.degree, if is_chosen(finding, trial) { ", chosen" } else { "" }),
+            trial.coefficients.to_string(),
+            format!("{:.3}", trial.error),
+            format!("{:+.1}", trial.gain_sigmas),
+        ]
+    };
+    report.table(&columns, &std::iter::once(none).chain(finding.trials.iter().map(row)).collect::<Vec<_>>());
+    if finding.is_kept() {
+        report.figures(&plots::correction_maps(&calibration.instrument));
+    }
+}
+
+fn is_chosen(finding: &CorrectionFinding, trial: &CorrectionTrial) -> bool {
+    finding.degree == Some(trial.degree)
 }
 
 fn depth(report: &mut Report, Findings { calibration, instrument, .. }: &Findings<'_>) {
@@ -289,6 +328,12 @@ pub(super) mod tests {
             reduced_chi2: 1.44,
             rms_px: 0.002,
             held_out: Some(HeldOut { z_rms_mm: 0.0042, z_rms_within_mm: 0.0034, dots: 8 }),
+            correction: Some(CorrectionFinding {
+                error_without: 1.04,
+                trials: vec![CorrectionTrial { degree: 2, coefficients: 14, error: 1.07, gain_sigmas: -2.2 }],
+                degree: None,
+                held_out: None,
+            }),
             advice: vec!["no pose is tilted".to_owned(), "sensor.tilt_deg[0] is not determined".to_owned()],
             instrument,
         }
@@ -347,6 +392,8 @@ pub(super) mod tests {
             "-0.9500",
             "σ_z, µm",
             "280.0000 ± 0.0020",
+            "No smooth correction: none lowers",
+            "<td>up to order 2</td>",
         ] {
             assert!(html.contains(text), "{text} is missing in {html}");
         }

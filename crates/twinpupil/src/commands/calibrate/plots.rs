@@ -1,9 +1,10 @@
 //! The drawings of a calibration.
 
 use twinpupil_calibrate::{Calibration, Residual, Target};
-use twinpupil_instrument::{Instrument, Page, Projection, Role};
+use twinpupil_instrument::{Band, Instrument, Page, PixelPoint, Projection, Role};
 use twinpupil_reconstruct::{Options, Reconstructor};
 
+use super::measured::significant;
 use super::residuals::{PixelUnit, Spot, means, reach};
 use crate::heat_map::HeatMap;
 use crate::plot::{Chart, Colour, PlotPoint, Stroke};
@@ -40,6 +41,39 @@ pub(super) fn residual_maps(calibration: &Calibration, unit: PixelUnit) -> Vec<F
         Figure::new(svg, text)
     };
     (0..instrument.bands.len()).map(map).collect()
+}
+
+/// For every band with a correction, where that has its images, over the sensor.
+pub(super) fn correction_maps(instrument: &Instrument) -> Vec<Figure> {
+    const COLUMNS: usize = 20;
+    let size_px = instrument.sensor.size_px.map(|size| size as f64);
+    let step_px = size_px[0] / COLUMNS as f64;
+    let rows = (size_px[1] / step_px) as usize;
+    let map = |band: &Band| {
+        let displacement = band.correction.as_ref()?.displacement();
+        let page = instrument.page(band);
+        let arrow = |k: usize| {
+            let at = [k % COLUMNS, k / COLUMNS].map(|place| (place as f64 + 0.5) * step_px);
+            let image = page.to_image(PixelPoint { u: at[0], v: at[1] });
+            let offset = displacement.at([image.x_mm, image.y_mm]).map(|mm| mm / instrument.sensor.pitch_mm);
+            Arrow { at, offset }
+        };
+        let arrows: Vec<Arrow> = (0..COLUMNS * rows).map(arrow).collect();
+        let square = |Arrow { offset: [du, dv], .. }: &Arrow| du * du + dv * dv;
+        let rms_px = (arrows.iter().map(square).sum::<f64>() / arrows.len().max(1) as f64).sqrt();
+        let unit = PixelUnit::of(rms_px);
+        let sensor = [[-0.5; 2], size_px.map(|size| size - 0.5)];
+        let svg = VectorMap::new(sensor, &arrows, colour(band.role)).into_svg(unit.per_px, &unit.suffix());
+        let text = format!(
+            "Band {}: how far its correction displaces images, over the sensor; root mean square {} {}. Beyond the dots of the \
+             frames it goes on as its terms do, and is worth little.",
+            band.name,
+            significant(unit.per_px * rms_px, 2),
+            unit.suffix()
+        );
+        Some(Figure::new(svg, text))
+    };
+    instrument.bands.iter().filter_map(map).collect()
 }
 
 /// An arrow for every spot, or means over squares of the sensor where there are too many to tell apart.

@@ -1,9 +1,10 @@
 //! What `calibrate` tells: lines for a human, JSON for a machine.
 
 use serde::Serialize;
-use twinpupil_calibrate::{Calibration, LeftOpen, Number, Target};
+use twinpupil_calibrate::{Calibration, CorrectionFinding, CorrectionTrial, LeftOpen, Number, Target};
 use twinpupil_instrument::Instrument;
 
+use super::corrected::decision;
 use super::faults;
 use super::measured::{measured, stated};
 use crate::io::files::FrameFiles;
@@ -22,8 +23,61 @@ pub(super) struct Summary {
     /// Root mean square depth error of dots in frames that took no part, and of those that did, about the target's plane.
     held_out_z_rms_mm: Option<f64>,
     within_z_rms_mm: Option<f64>,
+    /// The numbers of the instrument and the target; coefficients of a correction are in the instrument file.
     numbers: Vec<NumberSummary>,
+    /// What was tried of a smooth correction, if anything was.
+    correction: Option<CorrectionSummary>,
     advice: Vec<String>,
+}
+
+#[derive(Debug, Serialize)]
+struct CorrectionSummary {
+    is_kept: bool,
+    decision: String,
+    /// Root mean square error of frames held out over its deviation, without any.
+    held_out_error: f64,
+    tried: Vec<TrialSummary>,
+}
+
+#[derive(Debug, Serialize)]
+struct TrialSummary {
+    /// Highest order of the terms, and how many numbers were sought for them.
+    order: usize,
+    coefficients: usize,
+    held_out_error: f64,
+    /// By how many standard errors χ² of the frames held out falls.
+    gain_sigmas: f64,
+}
+
+impl CorrectionSummary {
+    fn new(finding: &CorrectionFinding) -> Self {
+        let trial = |trial: &CorrectionTrial| TrialSummary {
+            order: trial.degree,
+            coefficients: trial.coefficients,
+            held_out_error: trial.error,
+            gain_sigmas: trial.gain_sigmas,
+        };
+        Self {
+            is_kept: finding.is_kept(),
+            decision: decision(finding),
+            held_out_error: finding.error_without,
+            tried: finding.trials.iter().map(trial).collect(),
+        }
+    }
+
+    /// For a human.
+    fn line(&self) -> String {
+        let trial = |trial: &TrialSummary| {
+            format!("order {} {:.2} ({:+.1} standard errors)", trial.order, trial.held_out_error, trial.gain_sigmas)
+        };
+        let tried: Vec<String> = self.tried.iter().map(trial).collect();
+        format!(
+            "{}; error over deviation in frames held out: {:.2} without, {}",
+            self.decision,
+            self.held_out_error,
+            tried.join(", ")
+        )
+    }
 }
 
 #[derive(Debug, Serialize)]
@@ -83,7 +137,8 @@ impl Summary {
             reduced_chi2: calibration.reduced_chi2,
             held_out_z_rms_mm: calibration.held_out.map(|held_out| held_out.z_rms_mm),
             within_z_rms_mm: calibration.held_out.map(|held_out| held_out.z_rms_within_mm),
-            numbers: calibration.numbers.iter().map(number).collect(),
+            numbers: calibration.named().map(|(_, own)| number(own)).collect(),
+            correction: calibration.correction.as_ref().map(CorrectionSummary::new),
             advice: calibration.advice.clone(),
         }
     }
@@ -108,6 +163,7 @@ impl Summary {
             let sheet = stated(number.data_sheet, number.tolerance);
             format!("{:width$}  {value}  (data sheet {sheet}){open}", number.key)
         }));
+        lines.extend(self.correction.as_ref().map(CorrectionSummary::line));
         lines.extend(self.advice.iter().map(|advice| format!("advice: {advice}")));
         lines
     }
