@@ -507,10 +507,10 @@ impl Problem<'_> {
 }
 
 /// How far the forward model's images may be from those of the real masks: u, v, radius and blur, px, as frames without
-/// noise show it. Centres are off at random; radius and blur alike for all dots of a frame, by up to 2e-4 px and 4e-5 of the
+/// noise show it. Centres are off at random; radius and blur alike for all dots of a frame, by up to 2e-4 px and 6e-5 of the
 /// blur, which many dots make no better: theirs are larger by the square root of the dots that share them.
-const MODEL_STD_PX: [f64; 4] = [3e-4, 3e-4, 1e-3, 1.5e-3];
-const BLUR_SHARE: f64 = 8e-4;
+const MODEL_STD_PX: [f64; 4] = [3e-4, 3e-4, 7e-4, 1.5e-3];
+const BLUR_SHARE: f64 = 1.2e-3;
 
 /// The same where the masks cut the light, near the axis.
 const CUT_STD_PX: [f64; 4] = [1e-3, 1e-3, 2e-3, 5e-3];

@@ -17,9 +17,9 @@ use crate::unknown::{Quantity, Unknown};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum CorrectionChoice {
     /// If it lowers the error of frames that take no part by more than chance.
-    #[default]
     Auto,
     /// Never.
+    #[default]
     Off,
 }
 

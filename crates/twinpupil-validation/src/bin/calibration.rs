@@ -93,12 +93,12 @@ impl Run {
         let one = |time: u64| -> Result<Outcome, CalibrateError> {
             let frames = targets.frames(seed + time);
             let start = Instant::now();
-            let calibration = calibrate(&sheet, &target, &frames, &Choices::default())?;
+            let correction = if field_px > 0.0 { CorrectionChoice::Auto } else { CorrectionChoice::Off };
+            let calibration = calibrate(&sheet, &target, &frames, &Choices { correction, ..Choices::default() })?;
             let seconds = start.elapsed().as_secs_f64();
             let (errors, dots) = plates.depth_errors(&calibrated(&calibration), seed + time);
-            let choices = Choices { correction: CorrectionChoice::Off, ..Choices::default() };
             let is_kept = calibration.correction.as_ref().is_some_and(CorrectionFinding::is_kept);
-            let plain = if is_kept { Some(calibrate(&sheet, &target, &frames, &choices)?) } else { None };
+            let plain = if is_kept { Some(calibrate(&sheet, &target, &frames, &Choices::default())?) } else { None };
             let plain = plain.map(|plain| plates.depth_errors(&calibrated(&plain), seed + time).0);
             Ok(Outcome { seconds, calibration, errors, dots, plain })
         };

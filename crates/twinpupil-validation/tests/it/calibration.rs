@@ -3,7 +3,7 @@
 use std::sync::OnceLock;
 
 use twinpupil_calibrate::{
-    CalibrateError, Calibration, Choices, FrameFault, LeftOpen, StagePosition, Target, TargetSpec,
+    CalibrateError, Calibration, Choices, CorrectionChoice, FrameFault, LeftOpen, StagePosition, Target, TargetSpec,
 };
 use twinpupil_instrument::{Frame, Instrument, Mosaic};
 use twinpupil_validation::calibration::{
@@ -29,7 +29,8 @@ fn frames() -> &'static [Frame] {
 fn calibration() -> &'static Calibration {
     static CALIBRATION: OnceLock<Calibration> = OnceLock::new();
     CALIBRATION.get_or_init(|| {
-        calibrate(&data_sheet(Mosaic::Rgb), &target(), frames(), &Choices::default()).expect("a sound calibration")
+        let choices = Choices { correction: CorrectionChoice::Auto, ..Choices::default() };
+        calibrate(&data_sheet(Mosaic::Rgb), &target(), frames(), &choices).expect("a sound calibration")
     })
 }
 

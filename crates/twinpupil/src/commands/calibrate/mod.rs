@@ -80,7 +80,7 @@ struct GridArgs {
     refine_target_mm: Option<f64>,
     /// Whether to correct what the numbers leave by a smooth field in every band: only if that lowers the error of frames held
     /// out by more than chance, or never
-    #[arg(long, value_enum, default_value_t = CorrectionOption::Auto)]
+    #[arg(long, value_enum, default_value_t = CorrectionOption::Off)]
     correction: CorrectionOption,
     /// What a stage says that carried the middle of the target along a straight way: CSV with frame, travel_mm and std_mm;
     /// the frames that it does not name stood elsewhere
