@@ -9,7 +9,7 @@ use crate::refraction::{Vector, refract};
 use crate::{OpticsError, RayFate};
 
 /// A Fresnel lens as a plate: grooves on one face, the other flat.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Plate {
     /// From the centre outwards; at least one.
     pub(crate) grooves: Vec<Groove>,
@@ -39,22 +39,38 @@ impl Plate {
     /// In through the flat face, out through a facet.
     pub(crate) fn enter_flat_face(&self, outside: &Line) -> Result<Line, RayFate> {
         let inside = self.through_flat_face(outside, 1.0 / self.index)?;
-        let (k, depth_mm) = self.facet_from_within(&inside)?;
-        let out = self.through_facet(&inside, &self.grooves[k].facet, depth_mm, self.index)?;
-        // The riser of the next groove stands up to the peaks: within it is within its cone.
-        if out.radius_mm(0.0) >= self.peak_mm(k + 1) { Err(RayFate::GrooveWall) } else { Ok(out) }
+        Ok(self.out_of_grooves(&inside)?.1)
     }
 
     /// In through a facet, out through the flat face.
     pub(crate) fn enter_grooves(&self, outside: &Line) -> Result<Line, RayFate> {
+        let (_, inside) = self.into_grooves(outside)?;
+        self.through_flat_face(&inside, self.index)
+    }
+
+    /// From the glass out of a facet: where it is met, and the line beyond.
+    pub(crate) fn out_of_grooves(&self, inside: &Line) -> Result<(Vector, Line), RayFate> {
+        let (k, depth_mm) = self.facet_from_within(inside)?;
+        let (place, out) = self.through_facet(inside, &self.grooves[k].facet, depth_mm, self.index)?;
+        // The riser of the next groove stands up to the peaks: within it is within its cone.
+        if out.radius_mm(0.0) >= self.peak_mm(k + 1) { Err(RayFate::GrooveWall) } else { Ok((place, out)) }
+    }
+
+    /// Into the glass through a facet: where it is met, and the line beyond.
+    pub(crate) fn into_grooves(&self, outside: &Line) -> Result<(Vector, Line), RayFate> {
         self.on_lens(outside, 0.0)?;
         let (k, depth_mm) = self.facet_from_without(outside)?;
-        let inside = self.through_facet(outside, &self.grooves[k].facet, depth_mm, 1.0 / self.index)?;
+        let (place, inside) = self.through_facet(outside, &self.grooves[k].facet, depth_mm, 1.0 / self.index)?;
         // Heading inwards, it must pass below the foot of its own groove's riser.
         if depth_mm < self.grooves[k].foot_mm && self.before_riser(&inside, k) {
             return Err(RayFate::GrooveWall);
         }
-        self.through_flat_face(&inside, self.index)
+        Ok((place, inside))
+    }
+
+    /// Depth of the facets at a distance from the axis, mm; NaN beyond the last.
+    pub(crate) fn facet_depth_mm(&self, r_mm: f64) -> f64 {
+        self.grooves.get(self.groove_at(r_mm)).map_or(f64::NAN, |groove| groove.facet.depth_mm(r_mm))
     }
 
     /// Behind the flat face.
@@ -62,10 +78,16 @@ impl Plate {
         bent(line, self.on_lens(line, self.thickness_mm)?, ALONG_AXIS, index_ratio)
     }
 
-    /// Behind a facet that the line meets at a depth.
-    fn through_facet(&self, line: &Line, facet: &Conic, depth_mm: f64, index_ratio: f64) -> Result<Line, RayFate> {
+    /// Where the line meets a facet at a depth, and the line behind it.
+    fn through_facet(
+        &self,
+        line: &Line,
+        facet: &Conic,
+        depth_mm: f64,
+        index_ratio: f64,
+    ) -> Result<(Vector, Line), RayFate> {
         let place = self.on_lens(line, depth_mm)?;
-        bent(line, place, facet.normal(place), index_ratio)
+        Ok((place, bent(line, place, facet.normal(place), index_ratio)?))
     }
 
     /// Facet and depth at which a line from outside first meets the grooves: always in the groove above which it

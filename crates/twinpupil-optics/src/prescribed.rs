@@ -356,6 +356,7 @@ fn of_train(fate: Fate) -> RayFate {
         Fate::Arrived => RayFate::Arrived,
         Fate::Blocked { mask } => RayFate::Blocked { aperture: mask },
         Fate::Missed { .. } | Fate::Vignetted { .. } => RayFate::MissedLens,
+        Fate::GrooveWall { .. } => RayFate::GrooveWall,
         Fate::TotalInternalReflection { .. } => RayFate::TotalInternalReflection,
     }
 }

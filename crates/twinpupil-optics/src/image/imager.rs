@@ -2,7 +2,7 @@
 
 use super::reference::Reference;
 use crate::train::{DIFFERENCE, aimed};
-use crate::{Fate, FateLedger, Field, Ray, Rays, Train};
+use crate::{Fate, Field, Ray, Rays, Train};
 
 /// A lens at one wavelength, and the pupil through which it images. Places in the pupil are in its radii from its middle.
 #[derive(Debug, Clone)]
@@ -119,29 +119,24 @@ impl Sight<'_> {
 
     /// Rays through places of the pupil, in the image; `None` where no ray gets there, or something clips it.
     pub fn image_rays(&self, places: &[[f64; 2]]) -> Vec<Option<Ray>> {
-        self.traced(&self.imager.train, places).0
-    }
-
-    /// The same, and what became of all rays; those that cannot be aimed are not sent.
-    pub fn image_rays_and_fates(&self, places: &[[f64; 2]]) -> (Vec<Option<Ray>>, FateLedger) {
         self.traced(&self.imager.train, places)
     }
 
     /// The same whatever clips the light.
     pub(super) fn clear_rays(&self, places: &[[f64; 2]]) -> Vec<Option<Ray>> {
-        self.traced(&self.imager.clear, places).0
+        self.traced(&self.imager.clear, places)
     }
 
-    fn traced(&self, train: &Train, places: &[[f64; 2]]) -> (Vec<Option<Ray>>, FateLedger) {
+    fn traced(&self, train: &Train, places: &[[f64; 2]]) -> Vec<Option<Ray>> {
         let starts = self.imager.rays(self.field, places);
         let mut rays: Rays = starts.iter().flatten().copied().collect();
-        let ledger = train.trace(&mut rays);
+        train.trace_parallel(&mut rays);
         let mut traced = rays.iter();
         let next = |start: &Option<Ray>| {
             let (ray, fate) = start.and_then(|_| traced.next())?;
             (fate == Fate::Arrived).then_some(ray)
         };
-        (starts.iter().map(next).collect(), ledger)
+        starts.iter().map(next).collect()
     }
 
     /// Step of difference quotients between rays that are started close to each other, mm.

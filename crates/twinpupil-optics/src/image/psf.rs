@@ -25,9 +25,10 @@ pub struct Psf {
 /// Light by its distance from some place.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Encircled {
-    /// Distance, mm, and light of every place.
+    /// Distance, mm, and light of every place, from the middle outwards.
     places: Vec<[f64; 2]>,
-    light: f64,
+    /// Light of the first places: of none, of one, …
+    sums: Vec<f64>,
     /// Width of a place, mm.
     width_mm: f64,
 }
@@ -145,6 +146,21 @@ impl Psf {
         [n % self.size, n / self.size].map(|k| (k as f64 - (self.size / 2) as f64) * self.pitch_mm)
     }
 
+    /// Light at a place from the image of the chief ray, between those of the grid; 0 beyond it.
+    pub fn light(&self, place_mm: [f64; 2]) -> f64 {
+        let [x, y] = place_mm.map(|mm| mm / self.pitch_mm + (self.size / 2) as f64);
+        let last = self.size as f64 - 2.0;
+        if !(x >= 0.0 && y >= 0.0 && x <= last && y <= last) {
+            return 0.0;
+        }
+        let ([column, row], [right, up]) = ([x as usize, y as usize], [x.fract(), y.fract()]);
+        let along = |row: usize| {
+            let at = row * self.size + column;
+            (1.0 - right) * self.intensity[at] + right * self.intensity[at + 1]
+        };
+        (1.0 - up) * along(row) + up * along(row + 1)
+    }
+
     /// Where most light is, mm: between the places of the grid, by parabolas.
     fn brightest_mm(&self) -> [f64; 2] {
         let most = (0..self.intensity.len()).max_by(|a, b| self.intensity[*a].total_cmp(&self.intensity[*b]));
@@ -162,24 +178,28 @@ impl Psf {
 }
 
 impl Encircled {
-    fn new(places: Vec<[f64; 2]>, width_mm: f64) -> Self {
-        let light = places.iter().map(|[_, light]| light).sum();
-        Self { places, light, width_mm }
+    fn new(mut places: Vec<[f64; 2]>, width_mm: f64) -> Self {
+        places.sort_unstable_by(|a, b| a[0].total_cmp(&b[0]));
+        let sums = places.iter().scan(0.0, |sum, [_, light]| {
+            *sum += light;
+            Some(*sum)
+        });
+        Self { sums: std::iter::once(0.0).chain(sums).collect(), places, width_mm }
     }
 
     /// Share of the light within a radius; places on its rim count by how far they reach in.
     pub fn share(&self, radius_mm: f64) -> f64 {
-        let part = |at_mm: f64| match self.width_mm {
-            0.0 => f64::from(u8::from(at_mm <= radius_mm)),
-            width_mm => ((radius_mm - at_mm) / width_mm + 0.5).clamp(0.0, 1.0),
-        };
-        let within = |[at_mm, light]: &[f64; 2]| light * part(*at_mm);
-        self.places.iter().map(within).sum::<f64>() / self.light
+        let within = |radius_mm: f64| self.places.partition_point(|[at_mm, _]| *at_mm <= radius_mm);
+        let half_mm = 0.5 * self.width_mm;
+        let (whole, touched) = (within(radius_mm - half_mm), within(radius_mm + half_mm));
+        let part = |[at_mm, light]: &[f64; 2]| light * ((radius_mm - at_mm) / self.width_mm + 0.5);
+        let light = self.sums.last().copied().unwrap_or(0.0);
+        (self.sums[whole] + self.places[whole..touched].iter().map(part).sum::<f64>()) / light
     }
 
     /// Radius within which that share of the light is, mm.
     pub fn radius_mm(&self, share: f64) -> f64 {
-        let (mut low_mm, mut high_mm) = (0.0, self.places.iter().map(|[at_mm, _]| *at_mm).fold(0.0, f64::max));
+        let (mut low_mm, mut high_mm) = (0.0, self.places.last().map_or(0.0, |[at_mm, _]| *at_mm));
         for _ in 0..HALVINGS {
             let middle_mm = 0.5 * (low_mm + high_mm);
             if self.share(middle_mm) < share { low_mm = middle_mm } else { high_mm = middle_mm }
@@ -189,7 +209,9 @@ impl Encircled {
 
     /// Root of the mean square of the distances, mm.
     pub fn rms_mm(&self) -> f64 {
-        (self.places.iter().map(|[at_mm, light]| light * at_mm * at_mm).sum::<f64>() / self.light).sqrt()
+        (self.places.iter().map(|[at_mm, light]| light * at_mm * at_mm).sum::<f64>()
+            / self.sums.last().copied().unwrap_or(0.0))
+        .sqrt()
     }
 }
 

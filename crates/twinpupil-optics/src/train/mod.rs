@@ -7,6 +7,7 @@
 mod aim;
 mod asphere;
 mod face;
+mod facets;
 mod fate;
 mod first_order;
 mod kernel;
