@@ -25,9 +25,10 @@ pub(crate) struct Plate {
 pub(crate) const ALONG_AXIS: Vector = [0.0, 0.0, 1.0];
 
 impl Plate {
-    pub(crate) fn new(lens: &FresnelLens, index: f64) -> Result<Self, OpticsError> {
+    /// With the index of its glass at the design wavelength, and in the band.
+    pub(crate) fn new(lens: &FresnelLens, [design_index, index]: [f64; 2]) -> Result<Self, OpticsError> {
         Ok(Self {
-            grooves: grooves(lens)?,
+            grooves: grooves(lens, design_index)?,
             pitch_mm: lens.groove_pitch_mm,
             tan_draft: lens.draft_deg.to_radians().tan(),
             thickness_mm: lens.thickness_mm,
@@ -39,17 +40,17 @@ impl Plate {
     /// In through the flat face, out through a facet.
     pub(crate) fn enter_flat_face(&self, outside: &Line) -> Result<Line, RayFate> {
         let inside = self.through_flat_face(outside, 1.0 / self.index)?;
-        Ok(self.out_of_grooves(&inside)?.1)
+        Ok(self.leave_facet(&inside)?.1)
     }
 
     /// In through a facet, out through the flat face.
     pub(crate) fn enter_grooves(&self, outside: &Line) -> Result<Line, RayFate> {
-        let (_, inside) = self.into_grooves(outside)?;
+        let (_, inside) = self.enter_facet(outside)?;
         self.through_flat_face(&inside, self.index)
     }
 
     /// From the glass out of a facet: where it is met, and the line beyond.
-    pub(crate) fn out_of_grooves(&self, inside: &Line) -> Result<(Vector, Line), RayFate> {
+    pub(crate) fn leave_facet(&self, inside: &Line) -> Result<(Vector, Line), RayFate> {
         let (k, depth_mm) = self.facet_from_within(inside)?;
         let (place, out) = self.through_facet(inside, &self.grooves[k].facet, depth_mm, self.index)?;
         // The riser of the next groove stands up to the peaks: within it is within its cone.
@@ -57,7 +58,7 @@ impl Plate {
     }
 
     /// Into the glass through a facet: where it is met, and the line beyond.
-    pub(crate) fn into_grooves(&self, outside: &Line) -> Result<(Vector, Line), RayFate> {
+    pub(crate) fn enter_facet(&self, outside: &Line) -> Result<(Vector, Line), RayFate> {
         self.on_lens(outside, 0.0)?;
         let (k, depth_mm) = self.facet_from_without(outside)?;
         let (place, inside) = self.through_facet(outside, &self.grooves[k].facet, depth_mm, 1.0 / self.index)?;
@@ -176,7 +177,8 @@ pub(crate) mod tests {
     }
 
     fn plate(lens: &FresnelLens, wavelength_nm: f64) -> Plate {
-        Plate::new(lens, Glass::built_in("pmma", "lens.material").unwrap().index(wavelength_nm).unwrap()).unwrap()
+        let glass = Glass::built_in("pmma", "lens.material").unwrap();
+        Plate::new(lens, [lens.design_wavelength_nm, wavelength_nm].map(|nm| glass.index(nm).unwrap())).unwrap()
     }
 
     /// Where a ray that comes parallel to the axis from the object crosses it, and its slope: x = slope · (t − t₀).

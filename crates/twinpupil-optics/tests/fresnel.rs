@@ -1,7 +1,7 @@
 //! The Fresnel lens as a camera: rays kept count of, first order in the limit, and the response of points.
 
 use proptest::prelude::*;
-use twinpupil_instrument::{Glass, GrooveSide, ImagePoint, Instrument, Lens, paper};
+use twinpupil_instrument::{FresnelLens, Glass, GrooveSide, ImagePoint, Instrument, Lens, Prescription, paper};
 use twinpupil_optics::{
     BandOptics, Camera, Fate, ObjectRays, Ray, RayLedger, RayStarts, Rays, Train, response_grids, response_table_for,
 };
@@ -179,6 +179,26 @@ proptest! {
     }
 }
 
+/// The lens of the camera as a prescription, with an image behind it.
+fn prescription(lens: &FresnelLens, image_behind_mm: f64) -> Prescription {
+    let grooves = format!(
+        "[[surface]]\nshape = {{ kind = \"facets\", focal_length_mm = {:?}, pitch_mm = {:?}, draft_deg = {:?}, \
+         design_wavelength_nm = {:?} }}\nhalf_size_mm = {:?}\n",
+        lens.focal_length_mm,
+        lens.groove_pitch_mm,
+        lens.draft_deg,
+        lens.design_wavelength_nm,
+        lens.size_mm.map(|mm| 0.5 * mm)
+    );
+    let flat = format!("[[surface]]\nhalf_size_mm = {:?}\n", lens.size_mm.map(|mm| 0.5 * mm));
+    let [first, last] = match lens.grooves {
+        GrooveSide::Object => [grooves, flat],
+        GrooveSide::Image => [flat, grooves],
+    };
+    let inside = format!("medium = \"PMMA\"\ngap_mm = {:?}\n", lens.thickness_mm);
+    Prescription::from_toml(&format!("{first}{inside}{last}gap_mm = {image_behind_mm:?}\n")).expect("a lens")
+}
+
 /// The same facets among other surfaces.
 #[test]
 fn a_train_of_facets_has_the_rays_of_the_camera() {
@@ -195,8 +215,8 @@ fn a_train_of_facets_has_the_rays_of_the_camera() {
         // The pupil in the focal plane, 51 mm in front of the sensor.
         let band = instrument.bands.iter().position(|band| band.name == "red").unwrap();
         let camera = Camera::new(&instrument).unwrap();
-        let train = Train::fresnel(lens, instrument.bands[band].wavelength_nm, rear_mm + l_mm - lens.thickness_mm);
-        let forward = train.expect("a lens");
+        let prescription = prescription(lens, rear_mm + l_mm - lens.thickness_mm);
+        let forward = Train::new(&prescription, &[], instrument.bands[band].wavelength_nm).expect("a lens");
         let train = forward.reversed();
         for k in 0..60_i32 {
             let image_mm = [0.17 * f64::from(k) - 5.0, 0.11 * f64::from(k) - 3.2];
@@ -244,7 +264,7 @@ fn a_train_of_facets_has_the_rays_of_the_camera() {
 fn a_train_of_facets_is_a_lens_of_its_focal_length() {
     for side in ["object", "image"] {
         let Lens::Fresnel(lens) = &instrument(side).lens.clone() else { panic!("a Fresnel lens") };
-        let train = Train::fresnel(lens, lens.design_wavelength_nm, 98.0).expect("a lens");
+        let train = Train::new(&prescription(lens, 98.0), &[], lens.design_wavelength_nm).expect("a lens");
         let first_order = train.first_order(None);
         assert!((first_order.focal_length_mm - 100.0).abs() < 1e-9, "{first_order:?}");
         // On the axis facets hold what the profile of the lens does.
@@ -253,4 +273,22 @@ fn a_train_of_facets_is_a_lens_of_its_focal_length() {
         let slope = met[2].direction[0] / met[2].direction[2];
         assert!((slope + 0.001).abs() < 1e-8, "{slope}");
     }
+}
+
+#[test]
+fn facets_that_cannot_be_are_refused_with_their_key() {
+    let said = |text: &str| {
+        let lens = Prescription::from_toml(text).expect("legal by itself");
+        Train::new(&lens, &[], 587.6).unwrap_err().to_string()
+    };
+    let shape = "shape = { kind = \"facets\", focal_length_mm = 100.0, pitch_mm = 0.25 }";
+    assert_eq!(
+        said(&format!("[[surface]]\n{shape}\nsemi_diameter_mm = 20.0")),
+        "`surface[0].medium` is air; legal: glass on one side of facets and air on the other"
+    );
+    let glass = "medium = \"PMMA\"\ngap_mm = 2.0\n[[surface]]";
+    assert!(said(&format!("[[surface]]\n{shape}\n{glass}")).starts_with("`surface[0].semi_diameter_mm` is missing"));
+    let thin = glass.replace("2.0", "0.01");
+    let deep = said(&format!("[[surface]]\n{shape}\nsemi_diameter_mm = 20.0\n{thin}"));
+    assert!(deep.contains("0.01") && deep.contains("deeper"), "{deep}");
 }

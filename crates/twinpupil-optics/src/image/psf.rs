@@ -84,7 +84,7 @@ impl PupilFunction {
     fn light_at(&self, [x_mm, y_mm]: [f64; 2]) -> f64 {
         let sum: Complex<f64> = (self.cells.iter().enumerate())
             .filter_map(|(n, cell)| {
-                let (cell, [u, v]) = (cell.as_ref()?, self.from_middle(n));
+                let (cell, [u, v]) = (cell.as_ref()?, self.offset(n));
                 let tilt_rad = std::f64::consts::TAU * (u * x_mm + v * y_mm) / self.wavelength_mm;
                 Some(Complex::from_polar(cell.amplitude, self.phase_rad(cell) - tilt_rad))
             })

@@ -210,7 +210,7 @@ impl PupilFunction {
     }
 
     /// Row and column from the middle of a place.
-    pub(super) fn from_middle(&self, n: usize) -> [f64; 2] {
+    pub(super) fn offset(&self, n: usize) -> [f64; 2] {
         [n % self.size, n / self.size].map(|k| (k as f64 + 0.5 - 0.5 * self.size as f64) * self.step)
     }
 

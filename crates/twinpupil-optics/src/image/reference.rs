@@ -45,20 +45,20 @@ impl Reference {
 
     /// The direction from where a ray passes the sphere to its centre, times the refractive index: x and y.
     pub(crate) fn aperture(&self, ray: &Ray) -> [f64; 2] {
-        let (kappa, e, back_mm) = (self.curvature_per_mm, self.from_centre(ray), self.back_mm(ray));
+        let (kappa, e, back_mm) = (self.curvature_per_mm, self.aside(ray), self.back_mm(ray));
         [0, 1].map(|k| self.index * (ray.direction[k] * (1.0 + kappa * back_mm) - kappa * e[k]))
     }
 
     /// s − 1/κ.
     fn back_mm(&self, ray: &Ray) -> f64 {
-        let (kappa, e) = (self.curvature_per_mm, self.from_centre(ray));
+        let (kappa, e) = (self.curvature_per_mm, self.aside(ray));
         let along = dot(e, ray.direction);
         let square = dot(e, e) - along * along;
         along - kappa * square / (1.0 + (1.0 - kappa * kappa * square).sqrt())
     }
 
     /// e.
-    fn from_centre(&self, ray: &Ray) -> Vector {
+    fn aside(&self, ray: &Ray) -> Vector {
         minus(ray.position_mm, self.chief.position_mm)
     }
 }

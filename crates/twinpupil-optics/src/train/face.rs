@@ -153,9 +153,10 @@ impl Polynomial {
 }
 
 impl Profile {
+    /// That of a shape by itself: facets, which depend on glass and thickness, are [`Facets`].
     pub(crate) fn of(shape: &Shape) -> Self {
         match shape {
-            Shape::Plane | Shape::ThinLens { .. } | Shape::Break => Self::Plane,
+            Shape::Plane | Shape::ThinLens { .. } | Shape::Break | Shape::Facets { .. } => Self::Plane,
             Shape::Sphere { radius_mm } => Self::Sphere { c: 1.0 / radius_mm },
             Shape::Conic { radius_mm, conic_constant } => conic(1.0 / radius_mm, *conic_constant),
             Shape::Cylinder { radius_mm, curved } => {

@@ -1,12 +1,11 @@
 //! The grooves of a Fresnel lens among other surfaces: facets and walls, ray by ray.
 
-use twinpupil_instrument::{FresnelLens, Glass, GrooveSide};
+use twinpupil_instrument::check::ValueError;
+use twinpupil_instrument::{Catalogue, FresnelLens, Glass, GrooveSide, Prescription, Shape};
 
-use super::face::{Action, Clear, Face, Profile};
+use super::face::Face;
 use super::fate::{MISSED, REFLECTED, WALL, code};
 use super::rays::{Block, LANES};
-use super::rigid::Rigid;
-use super::{Train, linked};
 use crate::line::Line;
 use crate::plate::Plate;
 use crate::refraction::{Vector, dot};
@@ -52,8 +51,7 @@ impl Facets {
         let deeper = in_depth(direction)[2];
         // A line runs towards growing depth, whichever way its ray does.
         let line = Line::through(in_depth(from), in_depth(direction).map(|c| if deeper < 0.0 { -c } else { c }));
-        let (place, out) =
-            if deeper > 0.0 { self.plate.into_grooves(&line) } else { self.plate.out_of_grooves(&line) }?;
+        let (place, out) = if deeper > 0.0 { self.plate.enter_facet(&line) } else { self.plate.leave_facet(&line) }?;
         let along = out.direction();
         let length = dot(along, along).sqrt().copysign(deeper);
         Ok((in_depth(place), in_depth(along.map(|c| c / length))))
@@ -68,40 +66,70 @@ fn loss(fate: RayFate) -> u64 {
     }
 }
 
-impl Train {
-    /// A Fresnel lens with the facets and walls that the camera's model `fresnel` has, and a flat image at a distance behind its
-    /// last face. Rays are counted from its first face, where the object is.
-    pub fn fresnel(lens: &FresnelLens, wavelength_nm: f64, image_behind_mm: f64) -> Result<Self, OpticsError> {
-        let index = Glass::built_in(&lens.material, "lens.material")?.index(wavelength_nm)?;
-        let plate = Plate::new(lens, index)?;
-        let facets = |depth_per_z: f64| Profile::Facets(Facets { plate: plate.clone(), depth_per_z }.into());
-        let profiles = match lens.grooves {
-            GrooveSide::Object => [facets(1.0), Profile::Plane, Profile::Plane],
-            GrooveSide::Image => [Profile::Plane, facets(-1.0), Profile::Plane],
+impl Facets {
+    /// Those of surface `index` of a prescription, if it has facets, at a wavelength.
+    pub(crate) fn of(
+        prescription: &Prescription,
+        index: usize,
+        catalogues: &[&Catalogue],
+        wavelength_nm: f64,
+    ) -> Result<Option<Self>, OpticsError> {
+        let surface = &prescription.surfaces[index];
+        let Shape::Facets { focal_length_mm, pitch_mm, draft_deg, design_wavelength_nm } = surface.shape else {
+            return Ok(None);
         };
-        let indices = [1.0, index, 1.0, 1.0];
-        let depths_mm = [0.0, lens.thickness_mm, lens.thickness_mm + image_behind_mm];
-        let half_size_mm = Some(plate.half_size_mm);
-        let face = |(k, profile): (usize, Profile)| {
-            let place = Rigid::IDENTITY.shifted([0.0, 0.0, depths_mm[k]]);
-            let is_image = k == 2;
-            Face {
-                index: k,
-                profile,
-                action: if is_image {
-                    Action::Pass
-                } else {
-                    Action::Refract { index_ratio: indices[k] / indices[k + 1] }
-                },
-                index_before: indices[k],
-                index_behind: indices[k + 1],
-                clear: if is_image { Clear::EVERYWHERE } else { Clear { half_size_mm, ..Clear::EVERYWHERE } },
-                axis: place,
-                place,
-                from_previous: Rigid::IDENTITY,
-                is_first: false,
+        let key = |name: &str| format!("surface[{index}].{name}");
+        let before = index.checked_sub(1).map(|previous| &prescription.surfaces[previous]);
+        let is_air = |medium: &str| medium.eq_ignore_ascii_case("air");
+        let (grooves, medium, thickness_mm) = match before {
+            _ if !is_air(&surface.medium) && before.is_none_or(|before| is_air(&before.medium)) => {
+                (GrooveSide::Object, &surface.medium, surface.gap_mm)
+            }
+            Some(before) if is_air(&surface.medium) && !is_air(&before.medium) => {
+                (GrooveSide::Image, &before.medium, before.gap_mm)
+            }
+            _ => {
+                let legal = "glass on one side of facets and air on the other";
+                return Err(ValueError::new(key("medium"), &surface.medium, legal).into());
             }
         };
-        Ok(Self { faces: linked(profiles.into_iter().enumerate().map(face).collect()) })
+        let round = surface.semi_diameter_mm.map(|radius_mm| [2.0 * radius_mm; 2]);
+        let Some(size_mm) = surface.half_size_mm.map(|half_mm| half_mm.map(|mm| 2.0 * mm)).or(round) else {
+            let legal = "a `semi_diameter_mm` or a `half_size_mm`, which tells how many facets there are";
+            return Err(ValueError::new(key("semi_diameter_mm"), "missing", legal).into());
+        };
+        let glass = Glass::named(medium, &prescription.media, catalogues, &key("medium"))?;
+        let indices = [glass.index(design_wavelength_nm)?, glass.index(wavelength_nm)?];
+        let lens = FresnelLens {
+            focal_length_mm,
+            design_wavelength_nm,
+            material: medium.clone(),
+            thickness_mm,
+            groove_pitch_mm: pitch_mm,
+            draft_deg,
+            grooves,
+            size_mm,
+        };
+        let depth_per_z = if grooves == GrooveSide::Object { 1.0 } else { -1.0 };
+        let plate = Plate::new(&lens, indices).map_err(|error| of_surface(error, index))?;
+        Ok(Some(Self { plate, depth_per_z }))
     }
+}
+
+/// What is wrong with grooves, as values of the surface that has them.
+fn of_surface(error: OpticsError, index: usize) -> OpticsError {
+    let key = format!("surface[{index}].shape.pitch_mm");
+    let wrong = match error {
+        OpticsError::GrooveTooDeep { radius_mm, thickness_mm } => {
+            let found = format!(
+                "so wide that the groove {radius_mm} mm from the axis is deeper than the glass, {thickness_mm} mm"
+            );
+            ValueError::new(key, found, "thicker glass, fewer or finer grooves, a longer focal length")
+        }
+        OpticsError::TooManyGrooves { groove_pitch_mm, count } => {
+            ValueError::new(key, format!("{groove_pitch_mm}, which makes {count} grooves"), "at most 200000 grooves")
+        }
+        other => return other,
+    };
+    wrong.into()
 }

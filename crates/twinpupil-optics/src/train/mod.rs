@@ -29,6 +29,7 @@ use crate::OpticsError;
 pub(crate) use aim::{Aiming, DIFFERENCE, Seeker, aimed};
 pub(crate) use face::Profile as SurfaceProfile;
 use face::{Action, Clear, Face, Profile, Rings};
+use facets::Facets;
 pub(crate) use rays::{Block, LANES};
 use rigid::Rigid;
 
@@ -78,7 +79,10 @@ impl Train {
                 }
                 faces.push(Face {
                     index: i,
-                    profile: Profile::of(&surface.shape),
+                    profile: match Facets::of(prescription, i, catalogues, wavelength_nm)? {
+                        Some(facets) => Profile::Facets(facets.into()),
+                        None => Profile::of(&surface.shape),
+                    },
                     action: action(&surface.shape, surface.mirror, index_before, index),
                     index_before,
                     index_behind: index,

@@ -59,7 +59,7 @@ fn lens(name: &str) -> (Prescription, usize, f64) {
 
 #[test]
 fn wavefronts_foci_and_contrast_are_where_optiland_has_them() {
-    let mut seen = [0; 3];
+    let (mut seen, mut last) = ([0; 3], None);
     for row in include_str!("../published/optiland-images.csv").lines().skip(6).map(Row::of) {
         let (lens, stop, primary_nm) = lens(row.lens);
         // Optiland's stop is as wide as a real ray from the rim of the entrance pupil has it.
@@ -95,7 +95,13 @@ fn wavefronts_foci_and_contrast_are_where_optiland_has_them() {
             }
             kind => {
                 let tolerance = if kind == "sum" { CONTRAST } else { PROPORTION };
-                let contrast = sight.pupil_function(256).expect("light").contrasts(&[a])[0];
+                // Rows of one point of the field follow each other.
+                let point = (row.lens, row.slope);
+                let (_, pupil) = match last.take().filter(|(of, _)| *of == point) {
+                    Some(known) => last.insert(known),
+                    None => last.insert((point, sight.pupil_function(256).expect("light"))),
+                };
+                let contrast = pupil.contrasts(&[a])[0];
                 is_near(contrast.tangential, b, tolerance);
                 is_near(contrast.sagittal, c, tolerance);
                 seen[2] += 1;
