@@ -118,7 +118,7 @@ impl Asked {
             bail!("--z-mm is {z_mm}; legal: above 0, to 1e7");
         }
         let largest_mm = args.r_mm.unwrap_or_else(|| seen_radius_mm(instrument, z_mm));
-        if !(largest_mm >= 0.0 && largest_mm <= 1e6) {
+        if !(0.0..=1e6).contains(&largest_mm) {
             bail!("--r-mm is {largest_mm}; legal: 0 to 1e6");
         }
         let mut bands = Vec::new();
