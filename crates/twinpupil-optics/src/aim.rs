@@ -96,25 +96,26 @@ impl Aim {
 }
 
 impl AimAt {
-    /// What the lens adds at a pupil point.
-    #[inline]
-    pub(crate) fn at(&self, pupil: [f64; 2]) -> Aimed {
-        let [u, v] = pupil.map(powers);
-        let (mut place_mm, mut slopes_mm) = ([0.0; 2], [[0.0; 2]; 2]);
-        let mut index = 0;
-        for k in 0..=ORDER {
-            for l in 0..=ORDER - k {
-                let by_u = if k > 0 { k as f64 * u[k - 1] * v[l] } else { 0.0 };
-                let by_v = if l > 0 { l as f64 * u[k] * v[l - 1] } else { 0.0 };
-                for (axis, factor_mm) in self.coefficients_mm[index].iter().enumerate() {
-                    place_mm[axis] += factor_mm * u[k] * v[l];
-                    slopes_mm[axis][0] += factor_mm * by_u;
-                    slopes_mm[axis][1] += factor_mm * by_v;
+    /// What the lens adds at a pupil point, by Horner's scheme in both directions.
+    #[inline(always)]
+    pub(crate) fn at(&self, [u, v]: [f64; 2]) -> Aimed {
+        let (mut place_mm, mut by_u, mut by_v) = ([0.0; 2], [0.0; 2], [0.0; 2]);
+        let mut end = PUPIL_TERMS;
+        for power in (0..=ORDER).rev() {
+            let row = &self.coefficients_mm[end - (ORDER + 1 - power)..end];
+            end -= row.len();
+            for axis in 0..2 {
+                let (mut sum, mut slope) = (0.0_f64, 0.0_f64);
+                for factors in row.iter().rev() {
+                    slope = slope.mul_add(v, sum);
+                    sum = sum.mul_add(v, factors[axis]);
                 }
-                index += 1;
+                by_u[axis] = f64::mul_add(by_u[axis], u, place_mm[axis]);
+                by_v[axis] = f64::mul_add(by_v[axis], u, slope);
+                place_mm[axis] = f64::mul_add(place_mm[axis], u, sum);
             }
         }
-        Aimed { place_mm, slopes_mm }
+        Aimed { place_mm, slopes_mm: [[by_u[0], by_v[0]], [by_u[1], by_v[1]]] }
     }
 }
 

@@ -21,6 +21,7 @@ mod fresnel;
 mod grooves;
 mod image;
 mod lanes;
+mod launch;
 mod least_squares;
 mod ledger;
 mod line;

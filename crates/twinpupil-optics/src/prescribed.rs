@@ -17,7 +17,8 @@ use twinpupil_instrument::{
     Band, ImagePoint, Instrument, LensStand, MaskPlace, PointSpread, Prescription, PrescriptionLens, Shape,
 };
 
-use crate::aim::{Aim, AimAt, Sample};
+use crate::aim::{Aim, Sample};
+use crate::launch::{Launch, Places, arrive};
 use crate::least_squares::least_squares;
 use crate::linear::Linear;
 use crate::masks::Masks;
@@ -160,24 +161,19 @@ impl PrescribedBand {
         Ray::new([-x_mm, y_mm, 0.0], away)
     }
 
-    /// The ray from an image point to a pupil point, and its weight.
-    fn launch_at(&self, image_mm: [f64; 2], pupil: [f64; 2], aim: &AimAt) -> (Ray, f64) {
-        let ideal_mm = self.on_principal_plane(image_mm, pupil);
-        if self.aim.is_ideal() {
-            let ray = self.launch(image_mm, ideal_mm);
-            return (ray, self.axial_weight * self.falloff(&ray));
+    /// Rays from image points to pupil points, and their weights.
+    fn launch_all(&self, starts: &RayStarts<'_>, block: &mut Block, weight: &mut [f64]) {
+        let map = self.ideal.object_map(0.0);
+        let mut places = Places::ideal(&map, starts);
+        if !self.aim.is_ideal() {
+            places.aim(|image_mm| self.aim.at(image_mm), starts, map.per_pupil);
         }
-        let aimed = aim.at(pupil);
-        let ray = self.launch(image_mm, [0, 1].map(|k| ideal_mm[k] + aimed.place_mm[k]));
-        let unit_mm = self.ideal.object_map(0.0).per_pupil;
-        let [[a, b], [c, d]] = aimed.slopes_mm.map(|row| row.map(|slope_mm| slope_mm / unit_mm));
-        let area = (1.0 + a) * (1.0 + d) - b * c;
-        (ray, self.axial_weight * area.abs() * self.falloff(&ray))
-    }
-
-    /// cos⁴θ.
-    fn falloff(&self, ray: &Ray) -> f64 {
-        if self.is_paraxial { 1.0 } else { ray.direction[2].powi(4) }
+        let launch = Launch {
+            sensor_distance_mm: self.masks.sensor_distance_mm,
+            axial_weight: self.axial_weight,
+            is_paraxial: self.is_paraxial,
+        };
+        launch.fill(starts, &places, block, weight);
     }
 
     pub(crate) fn trace(&self, starts: RayStarts<'_>, rays: &mut ObjectRays, ledger: &mut RayLedger) {
@@ -199,28 +195,20 @@ impl PrescribedBand {
         rays: &mut ObjectRays,
         ledger: &mut RayLedger,
     ) {
-        let mut block = Block::ON_AXIS;
-        let image_mm = |lane: usize| [starts.image_x_mm[lane], starts.image_y_mm[lane]];
-        let (mut from_mm, mut aim) = ([f64::NAN; 2], self.aim.at([0.0; 2]));
-        for lane in 0..starts.len() {
-            let image_mm = image_mm(lane);
-            if image_mm != from_mm && !self.aim.is_ideal() {
-                (from_mm, aim) = (image_mm, self.aim.at(image_mm));
-            }
-            let (ray, weight) = self.launch_at(image_mm, [starts.pupil_x[lane], starts.pupil_y[lane]], &aim);
-            block.set(lane, &ray);
-            rays.weight[first + lane] = weight;
-        }
+        let count = starts.len();
+        let mut block = Block::of(count);
+        self.launch_all(&starts, &mut block, &mut rays.weight[first..first + count]);
         train.send(&mut block);
-        for lane in 0..starts.len() {
-            let (at, out) = (first + lane, block.ray(lane));
-            let ([x, y, _], [dx, dy, dz]) = (out.position_mm, out.direction);
-            (rays.x_mm[at], rays.y_mm[at]) = (x, -y);
-            (rays.slope_x[at], rays.slope_y[at]) = (-dx / dz, dy / dz);
+        arrive(&block, first, count, rays);
+        if block.all_arrived(count) {
+            ledger.arrived += count as u64;
+            return;
+        }
+        for (lane, weight) in rays.weight[first..first + count].iter_mut().enumerate() {
             let fate = of_train(block.ended(lane));
             ledger.settle(fate);
             if fate != RayFate::Arrived {
-                rays.weight[at] = 0.0;
+                *weight = 0.0;
             }
         }
     }

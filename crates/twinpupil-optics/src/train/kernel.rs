@@ -52,7 +52,7 @@ fn pass(face: &Face, block: &mut Block) {
 fn place(from_previous: &Rigid, block: &mut Block) {
     let rows = &from_previous.turn;
     if *rows != Rigid::IDENTITY.turn {
-        for lane in 0..LANES {
+        for lane in 0..block.lanes() {
             let (position, direction) = (apply(rows, block.position(lane)), apply(rows, block.going(lane)));
             block.put(lane, position, direction);
         }
@@ -80,7 +80,7 @@ fn step<S: Surface, B: Bend>(face: &Face, surface: &S, bend: &B, block: &mut Blo
     let ([_, outer_mm2], ahead_z_mm, index) = (face.clear.squares_mm2, face.from_previous.origin[2], face.index_before);
     // As wide as the lanes, which a `bool` would first have to be packed into.
     let mut lost = 0_u64;
-    for lane in 0..LANES {
+    for lane in 0..block.lanes() {
         let direction = block.going(lane);
         let [x, y, z] = block.position(lane);
         let from_vertex = [x, y, z + ahead_z_mm];
@@ -103,7 +103,7 @@ fn lose<S: Surface>(face: &Face, surface: &S, block: &mut Block) {
     let (missed, vignetted) = (code(face.index, MISSED), code(face.index, VIGNETTED));
     let reflected = code(face.index, REFLECTED);
     let [_, outer_mm2] = face.clear.squares_mm2;
-    for lane in 0..LANES {
+    for lane in 0..block.lanes() {
         let (place, forward) = (block.position(lane), block.direction[2][lane]);
         let square_mm2 = across(place);
         let loss = if forward.is_nan() { reflected } else { 0 };
@@ -452,13 +452,13 @@ impl Bend for Bending {
 fn clip(clear: &Clear, index: usize, block: &mut Block) {
     let [inner_mm2, _] = clear.squares_mm2;
     if inner_mm2 > 0.0 {
-        for lane in 0..LANES {
+        for lane in 0..block.lanes() {
             let passes = across(block.position(lane)) >= inner_mm2;
             settle(&mut block.fate[lane], passes, code(index, VIGNETTED));
         }
     }
     if let Some([half_width_mm, half_height_mm]) = clear.half_size_mm {
-        for lane in 0..LANES {
+        for lane in 0..block.lanes() {
             let [x, y, _] = block.position(lane);
             let passes = (x.abs() <= half_width_mm) & (y.abs() <= half_height_mm);
             settle(&mut block.fate[lane], passes, code(index, VIGNETTED));
@@ -467,13 +467,14 @@ fn clip(clear: &Clear, index: usize, block: &mut Block) {
     let Some(mask) = &clear.rings else { return };
     let mut passes = [false; LANES];
     for ring in &mask.rings {
-        for (lane, passes) in passes.iter_mut().enumerate() {
+        for (lane, passes) in passes[..block.lanes()].iter_mut().enumerate() {
             let [x, y, _] = block.position(lane);
             let (x, y) = (x - mask.centre_mm[0], y - mask.centre_mm[1]);
             *passes |= holds(ring, x * x + y * y);
         }
     }
-    for (fate, passes) in block.fate.iter_mut().zip(passes) {
+    let lanes = block.lanes();
+    for (fate, passes) in block.fate[..lanes].iter_mut().zip(passes) {
         settle(fate, passes, code(index, BLOCKED));
     }
 }

@@ -40,7 +40,12 @@ pub(crate) struct Block {
     pub(crate) direction: [[f64; LANES]; 3],
     pub(crate) path_mm: [f64; LANES],
     pub(crate) fate: [Code; LANES],
+    /// Lanes that need not be followed: no ray is in them.
+    idle: usize,
 }
+
+/// Lanes are followed in pairs of vectors.
+const FOLLOWED_TOGETHER: usize = 8;
 
 impl Block {
     /// Rays along the axis.
@@ -49,7 +54,19 @@ impl Block {
         direction: [[0.0; LANES], [0.0; LANES], [1.0; LANES]],
         path_mm: [0.0; LANES],
         fate: [0; LANES],
+        idle: 0,
     };
+
+    /// Rays along the axis, of which the first `count` are followed.
+    pub(crate) fn of(count: usize) -> Self {
+        Self { idle: LANES - count.next_multiple_of(FOLLOWED_TOGETHER).min(LANES), ..Self::ON_AXIS }
+    }
+
+    /// Lanes that are followed.
+    #[inline(always)]
+    pub(crate) fn lanes(&self) -> usize {
+        LANES - self.idle.min(LANES)
+    }
 
     pub(crate) fn ray(&self, lane: usize) -> Ray {
         Ray {
@@ -73,9 +90,14 @@ impl Block {
         Fate::of(self.fate[lane])
     }
 
+    /// Whether the first `count` rays have arrived.
+    pub(crate) fn all_arrived(&self, count: usize) -> bool {
+        self.fate[..count].iter().fold(0, |any, code| any | code) == 0
+    }
+
     /// Enters the fates of the first `count` rays.
     pub(crate) fn settle(&self, count: usize, ledger: &mut FateLedger) {
-        if self.fate.iter().fold(0, |any, code| any | code) == 0 {
+        if self.all_arrived(count) {
             ledger.record_arrived(count as u64);
         } else {
             self.fate[..count].iter().for_each(|code| ledger.record(Fate::of(*code)));

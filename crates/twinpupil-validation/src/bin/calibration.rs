@@ -163,6 +163,7 @@ fn true_value(number: &Number, truth: &Instrument) -> f64 {
 #[derive(Default)]
 struct Tally {
     keys: Vec<String>,
+    sums: Vec<f64>,
     squares: Vec<f64>,
     calibrations: usize,
     depth_squares: f64,
@@ -175,9 +176,11 @@ struct Tally {
 impl Tally {
     fn add(&mut self, calibration: &Calibration, truth: &Instrument, errors: &[DepthError]) {
         self.keys = calibration.numbers.iter().map(|number| number.key.clone()).collect();
+        self.sums.resize(self.keys.len(), 0.0);
         self.squares.resize(self.keys.len(), 0.0);
-        for (square, number) in self.squares.iter_mut().zip(&calibration.numbers) {
-            *square += ((number.value - true_value(number, truth)) / number.std).powi(2);
+        for ((sum, square), number) in self.sums.iter_mut().zip(&mut self.squares).zip(&calibration.numbers) {
+            let sigmas = (number.value - true_value(number, truth)) / number.std;
+            (*sum, *square) = (*sum + sigmas, *square + sigmas * sigmas);
         }
         self.calibrations += 1;
         let sigmas2 =
@@ -192,9 +195,10 @@ impl Tally {
         if self.calibrations < 2 {
             return Ok(());
         }
-        writeln!(out, "  error over deviation, rms of {} calibrations:", self.calibrations)?;
-        for (key, square) in self.keys.iter().zip(&self.squares) {
-            writeln!(out, "  {key:40} {:.2}", (square / self.calibrations as f64).sqrt())?;
+        let count = self.calibrations as f64;
+        writeln!(out, "  error over deviation, rms and mean of {} calibrations:", self.calibrations)?;
+        for ((key, sum), square) in self.keys.iter().zip(&self.sums).zip(&self.squares) {
+            writeln!(out, "  {key:40} {:.2} {:5.2}", (square / count).sqrt(), sum / count)?;
         }
         let of_dots = |squares: f64| (squares / self.depths.max(1) as f64).sqrt();
         writeln!(out, "  depth of dots {:.2}", of_dots(self.depth_squares))?;
