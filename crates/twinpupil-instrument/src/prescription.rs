@@ -136,6 +136,21 @@ pub enum Shape {
         #[serde(default, skip_serializing_if = "Vec::is_empty")]
         coefficients: Vec<f64>,
     },
+    /// The grooves of a Fresnel lens whose other face is flat: facets, each cut for the plane in which it lies, and walls
+    /// between them. The plane of their peaks holds the vertex; there is glass on one side, up to the flat face, and air on
+    /// the other. The surface needs a `semi_diameter_mm` or a `half_size_mm`.
+    Facets {
+        /// Focal length of the lens in air at the design wavelength, mm.
+        focal_length_mm: f64,
+        /// Width of a groove, mm.
+        pitch_mm: f64,
+        /// Angle of the walls to the axis, degrees.
+        #[serde(default)]
+        draft_deg: f64,
+        /// Wavelength for which the facets are cut, nm.
+        #[serde(default = "Shape::default_design_wavelength_nm")]
+        design_wavelength_nm: f64,
+    },
     /// No surface: shifts and turns the axis along which everything behind is measured.
     Break,
 }
@@ -299,6 +314,10 @@ impl Shape {
         *self == Self::Plane
     }
 
+    fn default_design_wavelength_nm() -> f64 {
+        587.6
+    }
+
     fn scaled(&self, factor: f64) -> Self {
         let mut scaled = self.clone();
         // A coefficient of rⁱ, from i = `first` in steps of `step`, shrinks with the (i − 1)-th power.
@@ -313,6 +332,10 @@ impl Shape {
             | Self::Conic { radius_mm, .. }
             | Self::Cylinder { radius_mm, .. }
             | Self::ThinLens { focal_length_mm: radius_mm } => *radius_mm *= factor,
+            Self::Facets { focal_length_mm, pitch_mm, .. } => {
+                *focal_length_mm *= factor;
+                *pitch_mm *= factor;
+            }
             Self::EvenAsphere { radius_mm, coefficients, .. } => {
                 *radius_mm = radius_mm.map(|mm| mm * factor);
                 shrink(coefficients, 2, 2);
@@ -340,6 +363,12 @@ impl Shape {
             }
             Self::Fresnel { radius_mm, conic_constant, coefficients } => {
                 (Some(*radius_mm), *conic_constant, coefficients)
+            }
+            Self::Facets { focal_length_mm, pitch_mm, draft_deg, design_wavelength_nm } => {
+                within(&format!("{key}.focal_length_mm"), *focal_length_mm, 0.1, 1e5)?;
+                within(&format!("{key}.pitch_mm"), *pitch_mm, 1e-3, 10.0)?;
+                within(&format!("{key}.draft_deg"), *draft_deg, 0.0, 30.0)?;
+                return within(&format!("{key}.design_wavelength_nm"), *design_wavelength_nm, 200.0, 20_000.0);
             }
             Self::ThinLens { focal_length_mm } => {
                 return either_way(&format!("{key}.focal_length_mm"), *focal_length_mm);

@@ -115,6 +115,8 @@ fn power_per_mm(shape: &Shape, index_before: f64, index_behind: f64) -> f64 {
         Shape::EvenAsphere { radius_mm, coefficients, .. } => conic(radius_mm) + square(coefficients, 0),
         Shape::OddAsphere { radius_mm, coefficients, .. } => conic(radius_mm) + square(coefficients, 1),
         Shape::Fresnel { radius_mm, coefficients, .. } => 1.0 / radius_mm + square(coefficients, 0),
+        // At the design wavelength; a camera has none.
+        Shape::Facets { focal_length_mm, .. } => return 1.0 / focal_length_mm,
     };
     curvature_per_mm * (index_behind - index_before)
 }

@@ -89,7 +89,7 @@ impl FresnelBand {
             stops.into_iter().map(|stop| (principal_depth_mm + per_t * stop.position_mm, stop)).collect()
         };
         Ok(Self {
-            plate: Plate::new(lens, glass.index(wavelength_nm)?)?,
+            plate: Plate::new(lens, [glass.index(lens.design_wavelength_nm)?, glass.index(wavelength_nm)?])?,
             side: lens.grooves,
             front_depth_mm,
             ideal: ThinBand::new(masks),

@@ -15,7 +15,7 @@
 //!
 //! Facet 0 is the base profile of either kind, `c = 1/((n − 1) f)`.
 
-use twinpupil_instrument::{FresnelLens, Glass, GrooveSide};
+use twinpupil_instrument::{FresnelLens, GrooveSide};
 
 use crate::OpticsError;
 use crate::conic::Conic;
@@ -39,9 +39,8 @@ pub(crate) struct Groove {
     pub(crate) floor_mm: f64,
 }
 
-/// The grooves that cover `lens`, from the centre outwards.
-pub(crate) fn grooves(lens: &FresnelLens) -> Result<Vec<Groove>, OpticsError> {
-    let index = Glass::built_in(&lens.material, "lens.material")?.index(lens.design_wavelength_nm)?;
+/// The grooves that cover `lens`, from the centre outwards; `index` is that of its glass at the design wavelength.
+pub(crate) fn grooves(lens: &FresnelLens, index: f64) -> Result<Vec<Groove>, OpticsError> {
     let half_diagonal_mm = 0.5 * lens.size_mm[0].hypot(lens.size_mm[1]);
     let count = (half_diagonal_mm / lens.groove_pitch_mm).ceil();
     if count > GROOVES_MAX {
@@ -146,14 +145,20 @@ fn valley_mm(facet: &Conic, peak_mm: f64, next_peak_mm: f64, tan_draft: f64) -> 
 
 #[cfg(test)]
 mod tests {
+    use twinpupil_instrument::Glass;
+
     use super::*;
     use crate::paraxial::base_curvature_per_mm;
+
+    fn made(lens: &FresnelLens) -> Result<Vec<Groove>, OpticsError> {
+        grooves(lens, Glass::built_in(&lens.material, "lens.material")?.index(lens.design_wavelength_nm)?)
+    }
 
     #[test]
     fn facets_start_at_their_peaks_and_the_first_is_the_base_profile() {
         for side in [GrooveSide::Object, GrooveSide::Image] {
             let lens = crate::plate::tests::lens(side);
-            let grooves = grooves(&lens).unwrap();
+            let grooves = made(&lens).unwrap();
             let base = base_curvature_per_mm(&lens).unwrap();
             assert!((grooves[0].facet.curvature_per_mm / base - 1.0).abs() < 1e-12);
             assert!(grooves[0].facet.vertex_mm.abs() < 1e-12);
@@ -171,10 +176,10 @@ mod tests {
     fn impossible_grooves_are_refused() {
         let lens = crate::plate::tests::lens(GrooveSide::Object);
         let thin = FresnelLens { thickness_mm: 0.05, ..lens.clone() };
-        assert!(matches!(grooves(&thin), Err(OpticsError::GrooveTooDeep { .. })));
+        assert!(matches!(made(&thin), Err(OpticsError::GrooveTooDeep { .. })));
         let short = FresnelLens { focal_length_mm: 20.0, grooves: GrooveSide::Image, ..lens.clone() };
-        assert!(matches!(grooves(&short), Err(OpticsError::GrooveTooDeep { .. })));
+        assert!(matches!(made(&short), Err(OpticsError::GrooveTooDeep { .. })));
         let fine = FresnelLens { groove_pitch_mm: 1e-3, size_mm: [1e4, 1e4], ..lens };
-        assert!(matches!(grooves(&fine), Err(OpticsError::TooManyGrooves { .. })));
+        assert!(matches!(made(&fine), Err(OpticsError::TooManyGrooves { .. })));
     }
 }

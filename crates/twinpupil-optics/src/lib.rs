@@ -19,6 +19,7 @@ mod camera;
 mod conic;
 mod fresnel;
 mod grooves;
+mod image;
 mod lanes;
 mod launch;
 mod least_squares;
@@ -44,6 +45,7 @@ mod train;
 mod zmx;
 
 pub use camera::{BandOptics, Camera, OpticsError};
+pub use image::{BandImager, Contrast, Deviation, Encircled, Foci, Imager, Psf, PupilFunction, Sight};
 pub use ledger::{RayFate, RayLedger};
 pub use pencil::Pencil;
 pub use point_image::PointImage;

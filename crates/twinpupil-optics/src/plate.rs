@@ -9,7 +9,7 @@ use crate::refraction::{Vector, refract};
 use crate::{OpticsError, RayFate};
 
 /// A Fresnel lens as a plate: grooves on one face, the other flat.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Plate {
     /// From the centre outwards; at least one.
     pub(crate) grooves: Vec<Groove>,
@@ -25,9 +25,10 @@ pub(crate) struct Plate {
 pub(crate) const ALONG_AXIS: Vector = [0.0, 0.0, 1.0];
 
 impl Plate {
-    pub(crate) fn new(lens: &FresnelLens, index: f64) -> Result<Self, OpticsError> {
+    /// With the index of its glass at the design wavelength, and in the band.
+    pub(crate) fn new(lens: &FresnelLens, [design_index, index]: [f64; 2]) -> Result<Self, OpticsError> {
         Ok(Self {
-            grooves: grooves(lens)?,
+            grooves: grooves(lens, design_index)?,
             pitch_mm: lens.groove_pitch_mm,
             tan_draft: lens.draft_deg.to_radians().tan(),
             thickness_mm: lens.thickness_mm,
@@ -39,22 +40,38 @@ impl Plate {
     /// In through the flat face, out through a facet.
     pub(crate) fn enter_flat_face(&self, outside: &Line) -> Result<Line, RayFate> {
         let inside = self.through_flat_face(outside, 1.0 / self.index)?;
-        let (k, depth_mm) = self.facet_from_within(&inside)?;
-        let out = self.through_facet(&inside, &self.grooves[k].facet, depth_mm, self.index)?;
-        // The riser of the next groove stands up to the peaks: within it is within its cone.
-        if out.radius_mm(0.0) >= self.peak_mm(k + 1) { Err(RayFate::GrooveWall) } else { Ok(out) }
+        Ok(self.leave_facet(&inside)?.1)
     }
 
     /// In through a facet, out through the flat face.
     pub(crate) fn enter_grooves(&self, outside: &Line) -> Result<Line, RayFate> {
+        let (_, inside) = self.enter_facet(outside)?;
+        self.through_flat_face(&inside, self.index)
+    }
+
+    /// From the glass out of a facet: where it is met, and the line beyond.
+    pub(crate) fn leave_facet(&self, inside: &Line) -> Result<(Vector, Line), RayFate> {
+        let (k, depth_mm) = self.facet_from_within(inside)?;
+        let (place, out) = self.through_facet(inside, &self.grooves[k].facet, depth_mm, self.index)?;
+        // The riser of the next groove stands up to the peaks: within it is within its cone.
+        if out.radius_mm(0.0) >= self.peak_mm(k + 1) { Err(RayFate::GrooveWall) } else { Ok((place, out)) }
+    }
+
+    /// Into the glass through a facet: where it is met, and the line beyond.
+    pub(crate) fn enter_facet(&self, outside: &Line) -> Result<(Vector, Line), RayFate> {
         self.on_lens(outside, 0.0)?;
         let (k, depth_mm) = self.facet_from_without(outside)?;
-        let inside = self.through_facet(outside, &self.grooves[k].facet, depth_mm, 1.0 / self.index)?;
+        let (place, inside) = self.through_facet(outside, &self.grooves[k].facet, depth_mm, 1.0 / self.index)?;
         // Heading inwards, it must pass below the foot of its own groove's riser.
         if depth_mm < self.grooves[k].foot_mm && self.before_riser(&inside, k) {
             return Err(RayFate::GrooveWall);
         }
-        self.through_flat_face(&inside, self.index)
+        Ok((place, inside))
+    }
+
+    /// Depth of the facets at a distance from the axis, mm; NaN beyond the last.
+    pub(crate) fn facet_depth_mm(&self, r_mm: f64) -> f64 {
+        self.grooves.get(self.groove_at(r_mm)).map_or(f64::NAN, |groove| groove.facet.depth_mm(r_mm))
     }
 
     /// Behind the flat face.
@@ -62,10 +79,16 @@ impl Plate {
         bent(line, self.on_lens(line, self.thickness_mm)?, ALONG_AXIS, index_ratio)
     }
 
-    /// Behind a facet that the line meets at a depth.
-    fn through_facet(&self, line: &Line, facet: &Conic, depth_mm: f64, index_ratio: f64) -> Result<Line, RayFate> {
+    /// Where the line meets a facet at a depth, and the line behind it.
+    fn through_facet(
+        &self,
+        line: &Line,
+        facet: &Conic,
+        depth_mm: f64,
+        index_ratio: f64,
+    ) -> Result<(Vector, Line), RayFate> {
         let place = self.on_lens(line, depth_mm)?;
-        bent(line, place, facet.normal(place), index_ratio)
+        Ok((place, bent(line, place, facet.normal(place), index_ratio)?))
     }
 
     /// Facet and depth at which a line from outside first meets the grooves: always in the groove above which it
@@ -154,7 +177,8 @@ pub(crate) mod tests {
     }
 
     fn plate(lens: &FresnelLens, wavelength_nm: f64) -> Plate {
-        Plate::new(lens, Glass::built_in("pmma", "lens.material").unwrap().index(wavelength_nm).unwrap()).unwrap()
+        let glass = Glass::built_in("pmma", "lens.material").unwrap();
+        Plate::new(lens, [lens.design_wavelength_nm, wavelength_nm].map(|nm| glass.index(nm).unwrap())).unwrap()
     }
 
     /// Where a ray that comes parallel to the axis from the object crosses it, and its slope: x = slope · (t − t₀).

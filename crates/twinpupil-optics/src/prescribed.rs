@@ -13,7 +13,9 @@
 //! pupil by [`Aim`]. Weights are relative to the axis of the ideal lens. Where one of the surfaces is an ideal lens there is
 //! no cos⁴θ, as for the model `thin`. Losses by reflection are left out.
 
-use twinpupil_instrument::{Band, ImagePoint, Instrument, PointSpread, PrescriptionLens, Shape};
+use twinpupil_instrument::{
+    Band, ImagePoint, Instrument, LensStand, MaskPlace, PointSpread, Prescription, PrescriptionLens, Shape,
+};
 
 use crate::aim::{Aim, Sample};
 use crate::launch::{Launch, Places, arrive};
@@ -23,7 +25,7 @@ use crate::masks::Masks;
 use crate::spread::quadrants;
 use crate::stray::{Stray, probes};
 use crate::thin::ThinBand;
-use crate::train::{Block, LANES, Seeker, seek};
+use crate::train::{Aiming, Block, LANES, Seeker};
 use crate::{Fate, Mask, ObjectRays, OpticsError, Pencil, PointImage, Ray, RayFate, RayLedger, RayStarts, Train};
 
 /// Rays from each place that are probed for a pencil, in each quadrant of the pupil: with seven places one block.
@@ -60,17 +62,22 @@ pub(crate) struct PrescribedBand {
     axial_weight: f64,
 }
 
-impl PrescribedBand {
-    pub(crate) fn new(
-        instrument: &Instrument,
-        lens: &PrescriptionLens,
-        band: &Band,
-        masks: &Masks,
-    ) -> Result<Self, OpticsError> {
-        let stand = lens.stand(instrument.sensor.distance_mm)?;
+/// The lens of a camera in one band, light coming from the object.
+pub(crate) struct BandTrain {
+    /// Without masks.
+    lens: Train,
+    pub(crate) with_masks: Train,
+    places: Vec<MaskPlace>,
+    /// From the first vertex.
+    pub(crate) front_principal_mm: f64,
+    prescription: Prescription,
+}
+
+impl BandTrain {
+    pub(crate) fn new(instrument: &Instrument, lens: &PrescriptionLens, band: &Band) -> Result<Self, OpticsError> {
+        let LensStand { prescription, front_principal_mm, .. } = lens.stand(instrument.sensor.distance_mm)?;
         let places = lens.places(&instrument.apertures)?;
-        let surfaces = Train::new(&stand.prescription, &[], band.wavelength_nm)?
-            .with_end_plane(instrument.apertures.len(), stand.front_principal_mm);
+        let surfaces = Train::new(&prescription, &[], band.wavelength_nm)?;
         let mut order: Vec<usize> = (0..places.len()).collect();
         // Each is put next to its surface: the farthest one first.
         order.sort_by(|a, b| places[*b].behind_mm.abs().total_cmp(&places[*a].behind_mm.abs()));
@@ -80,19 +87,33 @@ impl PrescribedBand {
             let centre_mm = [x_mm, -y_mm];
             train.with_mask(index, &Mask { surface: place.surface, behind_mm: place.behind_mm, centre_mm, rings })
         });
+        Ok(Self { lens: surfaces, with_masks, places, front_principal_mm, prescription })
+    }
+}
+
+impl PrescribedBand {
+    pub(crate) fn new(
+        instrument: &Instrument,
+        lens: &PrescriptionLens,
+        band: &Band,
+        masks: &Masks,
+    ) -> Result<Self, OpticsError> {
+        let BandTrain { lens: surfaces, with_masks, places, front_principal_mm, prescription } =
+            BandTrain::new(instrument, lens, band)?;
+        let ends = |train: Train| train.with_end_plane(instrument.apertures.len(), front_principal_mm).reversed();
         let pupil = masks.pupil();
         let is_ideal = |shape: &Shape| matches!(shape, Shape::ThinLens { .. });
         let mut made = Self {
-            train: with_masks.reversed(),
-            lens: surfaces.reversed(),
+            train: ends(with_masks),
+            lens: ends(surfaces),
             aim: Aim::IDEAL,
             ideal: ThinBand::new(masks),
-            is_paraxial: stand.prescription.surfaces.iter().any(|surface| is_ideal(&surface.shape)),
+            is_paraxial: prescription.surfaces.iter().any(|surface| is_ideal(&surface.shape)),
             axial_weight: 1.0 / pupil.filled_fraction(masks.pupil_radius_mm),
             masks: masks.clone(),
         };
         let place = places[masks.pupil];
-        if place.surface + 1 < stand.prescription.surfaces.len() || place.behind_mm < 0.0 {
+        if place.surface + 1 < prescription.surfaces.len() || place.behind_mm < 0.0 {
             let mask = &instrument.apertures[masks.pupil];
             let radius_mm = mask.annuli(&band.name).last().map_or(0.0, |ring| ring.outer_mm);
             made.aim = made.learnt_aim(mask.centre_mm, radius_mm, instrument.corner_radius_mm());
@@ -114,7 +135,8 @@ impl PrescribedBand {
                 Seeker::new([centre_mm[0] + x, -centre_mm[1] - y], ideal_mm(start))
             })
             .collect();
-        seek(&to_pupil, &|index, place_mm| self.launch(starts[index].0, place_mm), &mut seekers, radius_mm);
+        let launch = |index: usize, place_mm: [f64; 2]| self.launch(starts[index].0, place_mm);
+        Aiming::at_stop(&to_pupil, &launch, radius_mm).seek(&mut seekers);
         let samples: Vec<Sample> = (starts.iter().zip(&seekers))
             .filter(|(_, seeker)| seeker.is_there)
             .map(|(start, seeker)| {
@@ -322,6 +344,7 @@ fn of_train(fate: Fate) -> RayFate {
         Fate::Arrived => RayFate::Arrived,
         Fate::Blocked { mask } => RayFate::Blocked { aperture: mask },
         Fate::Missed { .. } | Fate::Vignetted { .. } => RayFate::MissedLens,
+        Fate::GrooveWall { .. } => RayFate::GrooveWall,
         Fate::TotalInternalReflection { .. } => RayFate::TotalInternalReflection,
     }
 }

@@ -1,8 +1,10 @@
 //! The Fresnel lens as a camera: rays kept count of, first order in the limit, and the response of points.
 
 use proptest::prelude::*;
-use twinpupil_instrument::{GrooveSide, ImagePoint, Instrument, paper};
-use twinpupil_optics::{BandOptics, Camera, ObjectRays, RayLedger, RayStarts, response_grids, response_table_for};
+use twinpupil_instrument::{FresnelLens, Glass, GrooveSide, ImagePoint, Instrument, Lens, Prescription, paper};
+use twinpupil_optics::{
+    BandOptics, Camera, Fate, ObjectRays, Ray, RayLedger, RayStarts, Rays, Train, response_grids, response_table_for,
+};
 
 fn instrument(grooves: &str) -> Instrument {
     let lens = format!("model = \"fresnel\"\ngrooves = \"{grooves}\"");
@@ -175,4 +177,118 @@ proptest! {
         prop_assert!((turned.x_mm[0] - expected[0]).abs() < 1e-9 && (turned.y_mm[0] - expected[1]).abs() < 1e-9);
         prop_assert!((turned.weight[0] - straight.weight[0]).abs() < 1e-12);
     }
+}
+
+/// The lens of the camera as a prescription, with an image behind it.
+fn prescription(lens: &FresnelLens, image_behind_mm: f64) -> Prescription {
+    let grooves = format!(
+        "[[surface]]\nshape = {{ kind = \"facets\", focal_length_mm = {:?}, pitch_mm = {:?}, draft_deg = {:?}, \
+         design_wavelength_nm = {:?} }}\nhalf_size_mm = {:?}\n",
+        lens.focal_length_mm,
+        lens.groove_pitch_mm,
+        lens.draft_deg,
+        lens.design_wavelength_nm,
+        lens.size_mm.map(|mm| 0.5 * mm)
+    );
+    let flat = format!("[[surface]]\nhalf_size_mm = {:?}\n", lens.size_mm.map(|mm| 0.5 * mm));
+    let [first, last] = match lens.grooves {
+        GrooveSide::Object => [grooves, flat],
+        GrooveSide::Image => [flat, grooves],
+    };
+    let inside = format!("medium = \"PMMA\"\ngap_mm = {:?}\n", lens.thickness_mm);
+    Prescription::from_toml(&format!("{first}{inside}{last}gap_mm = {image_behind_mm:?}\n")).expect("a lens")
+}
+
+/// The same facets among other surfaces.
+#[test]
+fn a_train_of_facets_has_the_rays_of_the_camera() {
+    for side in ["object", "image"] {
+        let instrument = instrument(side);
+        let Lens::Fresnel(lens) = &instrument.lens else { panic!("a Fresnel lens") };
+        let n_d = Glass::built_in("pmma", "").unwrap().index(lens.design_wavelength_nm).unwrap();
+        // Principal planes behind the first face: one in the plane of the peaks, the other thickness/n from the flat face.
+        let [front_mm, rear_mm] = match lens.grooves {
+            GrooveSide::Object => [0.0, lens.thickness_mm * (1.0 - 1.0 / n_d)],
+            GrooveSide::Image => [lens.thickness_mm / n_d, lens.thickness_mm],
+        };
+        let (l_mm, mut walls) = (instrument.sensor.distance_mm, 0);
+        // The pupil in the focal plane, 51 mm in front of the sensor.
+        let band = instrument.bands.iter().position(|band| band.name == "red").unwrap();
+        let camera = Camera::new(&instrument).unwrap();
+        let prescription = prescription(lens, rear_mm + l_mm - lens.thickness_mm);
+        let forward = Train::new(&prescription, &[], instrument.bands[band].wavelength_nm).expect("a lens");
+        let train = forward.reversed();
+        for k in 0..60_i32 {
+            let image_mm = [0.17 * f64::from(k) - 5.0, 0.11 * f64::from(k) - 3.2];
+            let pupil = spiral(100);
+            let (found, _) = trace(&camera.bands()[band], image_mm, &pupil);
+            let to_pupil = |[u, v]: &[f64; 2]| {
+                let away = [0.5 * u + image_mm[0], 0.5 * v + image_mm[1], 100.0 - l_mm];
+                Ray::new([-image_mm[0], -image_mm[1], 0.0], away)
+            };
+            let starts: Vec<Ray> = pupil.iter().map(to_pupil).collect();
+            let mut rays: Rays = starts.iter().copied().collect();
+            let ledger = train.trace(&mut rays);
+            assert_eq!((ledger.launched, ledger.total()), (100, 100));
+            for (n, (ray, fate)) in rays.iter().enumerate() {
+                walls += usize::from(matches!(fate, Fate::GrooveWall { .. }));
+                if found.weight[n] == 0.0 {
+                    continue;
+                }
+                assert_eq!(fate, Fate::Arrived, "{side} {k} {n}");
+                let ([x, y, z], [dx, dy, dz]) = (ray.position_mm, ray.direction);
+                let at = |c: f64, d: f64| c + (front_mm - z) * d / dz;
+                for (found, expected) in [
+                    (found.x_mm[n], at(x, dx)),
+                    (found.y_mm[n], at(y, dy)),
+                    (found.slope_x[n], -dx / dz),
+                    (found.slope_y[n], -dy / dz),
+                ] {
+                    assert!((found - expected).abs() < 1e-9, "{side} {k} {n}: {found} {expected}");
+                }
+                // And back, by the same way.
+                let (met, fate) = forward.path(&Ray { direction: [-dx, -dy, -dz], path_mm: 0.0, ..ray });
+                assert_eq!(fate, Fate::Arrived);
+                let home = met[met.len() - 1];
+                for c in 0..3 {
+                    assert!((home.position_mm[c] - starts[n].position_mm[c]).abs() < 1e-8, "{home:?} {:?}", starts[n]);
+                }
+                assert!((home.path_mm - ray.path_mm).abs() < 1e-8, "{home:?} {ray:?}");
+            }
+        }
+        assert!(walls > 0);
+    }
+}
+
+#[test]
+fn a_train_of_facets_is_a_lens_of_its_focal_length() {
+    for side in ["object", "image"] {
+        let Lens::Fresnel(lens) = &instrument(side).lens.clone() else { panic!("a Fresnel lens") };
+        let train = Train::new(&prescription(lens, 98.0), &[], lens.design_wavelength_nm).expect("a lens");
+        let first_order = train.first_order(None);
+        assert!((first_order.focal_length_mm - 100.0).abs() < 1e-9, "{first_order:?}");
+        // On the axis facets hold what the profile of the lens does.
+        let (met, fate) = train.path(&Ray::new([0.1, 0.0, -1.0], [0.0, 0.0, 1.0]));
+        assert_eq!(fate, Fate::Arrived);
+        let slope = met[2].direction[0] / met[2].direction[2];
+        assert!((slope + 0.001).abs() < 1e-8, "{slope}");
+    }
+}
+
+#[test]
+fn facets_that_cannot_be_are_refused_with_their_key() {
+    let said = |text: &str| {
+        let lens = Prescription::from_toml(text).expect("legal by itself");
+        Train::new(&lens, &[], 587.6).unwrap_err().to_string()
+    };
+    let shape = "shape = { kind = \"facets\", focal_length_mm = 100.0, pitch_mm = 0.25 }";
+    assert_eq!(
+        said(&format!("[[surface]]\n{shape}\nsemi_diameter_mm = 20.0")),
+        "`surface[0].medium` is air; legal: glass on one side of facets and air on the other"
+    );
+    let glass = "medium = \"PMMA\"\ngap_mm = 2.0\n[[surface]]";
+    assert!(said(&format!("[[surface]]\n{shape}\n{glass}")).starts_with("`surface[0].semi_diameter_mm` is missing"));
+    let thin = glass.replace("2.0", "0.01");
+    let deep = said(&format!("[[surface]]\n{shape}\nsemi_diameter_mm = 20.0\n{thin}"));
+    assert!(deep.contains("0.01") && deep.contains("deeper"), "{deep}");
 }

@@ -1,6 +1,6 @@
 //! The program: the one place of the workspace that reads and writes files.
 //!
-//! [`cli`] holds the command line, [`commands`] one module for each subcommand, [`io`] the files; [`plot`], [`heat_map`],
+//! [`cli`] holds the command line, [`commands`] one module for each subcommand, [`io`] the files; [`plot`], [`plot_sheet`], [`heat_map`],
 //! [`picture`], [`vector_map`], [`printout`] and [`report`] make what a human looks at.
 
 pub mod cli;
@@ -14,6 +14,7 @@ pub mod io;
 pub mod load;
 pub mod picture;
 pub mod plot;
+pub mod plot_sheet;
 pub mod precision;
 pub mod printout;
 pub mod report;

@@ -24,12 +24,12 @@ const STEPS_MAX: usize = 25;
 /// How near a ray must come to its place in the stop, relative to the stop's radius: ten times what rounding leaves.
 const TOLERANCE: f64 = 1e-12;
 
-/// Step of the difference quotients relative to the stop's radius. Its error only slows the method down.
-const DIFFERENCE: f64 = 1e-6;
+/// Step of the difference quotients relative to the stop's radius.
+pub(crate) const DIFFERENCE: f64 = 1e-6;
 
 impl Field {
     /// The ray from the field through a point of the plane z = 0 before the first surface.
-    fn ray(&self, [x, y]: [f64; 2]) -> Ray {
+    pub(crate) fn ray(&self, [x, y]: [f64; 2]) -> Ray {
         match self {
             Self::Infinite { slope } => {
                 let ray = Ray::new([x, y, 0.0], [slope[0], slope[1], 1.0]);
@@ -42,14 +42,54 @@ impl Field {
         }
     }
 
-    /// Where a ray to a point of the plane z = `depth_mm` crosses the plane z = 0.
-    fn at_first_surface(&self, depth_mm: f64, [x, y]: [f64; 2]) -> [f64; 2] {
+    /// The same field as far from the lens, on its axis.
+    pub(crate) fn on_axis(&self) -> Self {
         match self {
-            Self::Infinite { slope } => [x - slope[0] * depth_mm, y - slope[1] * depth_mm],
-            Self::Point { position_mm: [x0, y0, z0] } => {
-                let share = z0 / (z0 - depth_mm);
-                [x0 + (x - x0) * share, y0 + (y - y0) * share]
+            Self::Infinite { .. } => Self::Infinite { slope: [0.0; 2] },
+            Self::Point { position_mm } => Self::Point { position_mm: [0.0, 0.0, position_mm[2]] },
+        }
+    }
+
+    /// Where a ray that shall meet a place of the stop crosses the plane z = 0, to first order.
+    fn guess_mm(&self, to_stop: &CloseRays, place_mm: [f64; 2]) -> [f64; 2] {
+        let CloseRays { axial_mm, per_height, per_slope_mm } = to_stop;
+        let start_mm = [0, 1].map(|k| match self {
+            Self::Infinite { slope } => (place_mm[k] - axial_mm[k] - per_slope_mm * slope[k]) / per_height,
+            Self::Point { position_mm } => {
+                // A start at h has the slope (h − x)/D.
+                let (x_mm, distance_mm) = (position_mm[k], -position_mm[2]);
+                (place_mm[k] - axial_mm[k] + per_slope_mm * x_mm / distance_mm)
+                    / (per_height + per_slope_mm / distance_mm)
             }
+        });
+        if start_mm.iter().all(|mm| mm.is_finite()) { start_mm } else { [0.0; 2] }
+    }
+}
+
+/// Where rays close to the axis end behind some surfaces: by the height in which they cross the plane z = 0, and by their
+/// slope before it.
+struct CloseRays {
+    /// That of the axis itself, mm.
+    axial_mm: [f64; 2],
+    per_height: f64,
+    per_slope_mm: f64,
+}
+
+/// How close to the axis they are: in parts of the stop's radius, and as a slope.
+const CLOSE: f64 = 1e-4;
+
+impl CloseRays {
+    fn through(to_stop: &Train, stop_radius_mm: f64) -> Self {
+        let height_mm = CLOSE * stop_radius_mm;
+        let starts = [([0.0; 3], 0.0), ([0.0, height_mm, 0.0], 0.0), ([0.0; 3], CLOSE)];
+        let mut rays: Rays =
+            starts.map(|(start_mm, slope)| Ray::new(start_mm, [0.0, slope, 1.0])).into_iter().collect();
+        to_stop.trace(&mut rays);
+        let [x, y, _] = rays.ray(0).position_mm;
+        Self {
+            axial_mm: [x, y],
+            per_height: (rays.ray(1).position_mm[1] - y) / height_mm,
+            per_slope_mm: (rays.ray(2).position_mm[1] - y) / CLOSE,
         }
     }
 }
@@ -61,20 +101,11 @@ impl Train {
     ///
     /// Newton's method for every ray by itself, so that none depends on its neighbours.
     pub fn aim(&self, stop: usize, field: Field, places_mm: &[[f64; 2]], stop_radius_mm: f64) -> Vec<Option<Ray>> {
-        let to_stop = self.clear_to(stop);
-        let pupil = self.first_order(Some(stop)).entrance_pupil.filter(|pupil| pupil.position_mm.is_finite());
-        let guess_mm = |place_mm: [f64; 2]| match pupil {
-            Some(pupil) => field.at_first_surface(pupil.position_mm, place_mm.map(|mm| mm * pupil.magnification)),
-            None => [0.0; 2],
-        };
-        let mut seekers: Vec<Seeker> =
-            places_mm.iter().map(|place_mm| Seeker::new(*place_mm, guess_mm(*place_mm))).collect();
-        seek(&to_stop, &|_, start_mm| field.ray(start_mm), &mut seekers, stop_radius_mm);
-        seekers.into_iter().map(|seeker| seeker.is_there.then(|| field.ray(seeker.start_mm))).collect()
+        aimed(&self.clear_to(stop), field, places_mm, stop_radius_mm)
     }
 
     /// The surfaces as far as the stop, clear everywhere.
-    fn clear_to(&self, stop: usize) -> Self {
+    pub(crate) fn clear_to(&self, stop: usize) -> Self {
         let lens = self.faces.iter().filter(|face| face.clear.rings.is_none());
         let count = lens.clone().position(|face| face.index == stop).map_or(0, |at| at + 1);
         let faces = lens.take(count).map(|face| Face { clear: Clear::EVERYWHERE, ..face.clone() });
@@ -82,61 +113,101 @@ impl Train {
     }
 }
 
-/// A ray on its way to its place in the stop.
+/// Rays from a field through places of a stop, `to_stop` being the surfaces as far as that.
+pub(crate) fn aimed(to_stop: &Train, field: Field, places_mm: &[[f64; 2]], stop_radius_mm: f64) -> Vec<Option<Ray>> {
+    let close = CloseRays::through(to_stop, stop_radius_mm);
+    let mut seekers: Vec<Seeker> =
+        places_mm.iter().map(|place_mm| Seeker::new(*place_mm, field.guess_mm(&close, *place_mm))).collect();
+    Aiming::at_stop(to_stop, &|_, start_mm| field.ray(start_mm), stop_radius_mm).seek(&mut seekers);
+    seekers.into_iter().map(|seeker| seeker.is_there.then(|| field.ray(seeker.start_mm))).collect()
+}
+
+/// A ray on its way to its aim.
 pub(crate) struct Seeker {
-    place_mm: [f64; 2],
+    /// What shall be reached: a place in the stop, mm, or whatever else is asked of rays.
+    aim: [f64; 2],
     /// Where it crosses the plane by which it is started.
     pub(crate) start_mm: [f64; 2],
     pub(crate) is_there: bool,
+    /// How much of what is reached a unit of area of its starts covers; known where it is there.
+    pub(crate) spread: f64,
 }
 
 impl Seeker {
-    pub(crate) fn new(place_mm: [f64; 2], start_mm: [f64; 2]) -> Self {
-        Self { place_mm, start_mm, is_there: false }
+    pub(crate) fn new(aim: [f64; 2], start_mm: [f64; 2]) -> Self {
+        Self { aim, start_mm, is_there: false, spread: 0.0 }
     }
 }
 
 /// Where a seeker's ray starts, by its index and the place where it crosses the plane by which it is started.
 type Launch<'a> = dyn Fn(usize, [f64; 2]) -> Ray + 'a;
 
-/// Newton's method for all seekers through the surfaces as far as the stop.
-pub(crate) fn seek(to_stop: &Train, launch: &Launch<'_>, seekers: &mut [Seeker], stop_radius_mm: f64) {
-    for _ in 0..STEPS_MAX {
-        if !improve(to_stop, launch, seekers, stop_radius_mm) {
-            break;
-        }
-    }
+/// How rays are aimed.
+pub(crate) struct Aiming<'a> {
+    /// The surfaces that they go through.
+    pub(crate) train: &'a Train,
+    pub(crate) launch: &'a Launch<'a>,
+    /// What shall be as it is aimed at, of a ray behind the surfaces.
+    pub(crate) reached: &'a dyn Fn(&Ray) -> [f64; 2],
+    /// Step of the difference quotients. Its error only slows the method down.
+    pub(crate) step_mm: f64,
+    /// How near is near enough.
+    pub(crate) tolerance: f64,
 }
 
-/// One step of Newton's method for all that are not there; whether there were any.
-fn improve(to_stop: &Train, launch: &Launch<'_>, seekers: &mut [Seeker], stop_radius_mm: f64) -> bool {
-    let step_mm = DIFFERENCE * stop_radius_mm;
-    let mut open: Vec<(usize, &mut Seeker)> =
-        seekers.iter_mut().enumerate().filter(|(_, seeker)| !seeker.is_there).collect();
-    // Each ray, and one beside it along x and y.
-    let trios = open.iter().flat_map(|(index, seeker)| {
-        let [x, y] = seeker.start_mm;
-        [[x, y], [x + step_mm, y], [x, y + step_mm]].map(|start_mm| launch(*index, start_mm))
-    });
-    let mut rays: Rays = trios.collect();
-    to_stop.trace(&mut rays);
-    for (n, (_, seeker)) in open.iter_mut().enumerate() {
-        let at = |j: usize| rays.ray(3 * n + j).position_mm;
-        let arrived = (0..3).all(|j| rays.fate(3 * n + j) == Fate::Arrived);
-        let miss_mm = [0, 1].map(|c| seeker.place_mm[c] - at(0)[c]);
-        seeker.is_there = arrived && miss_mm[0].hypot(miss_mm[1]) <= TOLERANCE * stop_radius_mm;
-        if seeker.is_there {
-            continue;
+impl<'a> Aiming<'a> {
+    /// At places of a stop.
+    pub(crate) fn at_stop(train: &'a Train, launch: &'a Launch<'a>, stop_radius_mm: f64) -> Self {
+        let reached = &|ray: &Ray| [ray.position_mm[0], ray.position_mm[1]];
+        Self { train, launch, reached, step_mm: DIFFERENCE * stop_radius_mm, tolerance: TOLERANCE * stop_radius_mm }
+    }
+
+    /// Newton's method for all seekers.
+    pub(crate) fn seek(&self, seekers: &mut [Seeker]) {
+        for _ in 0..STEPS_MAX {
+            if !self.improve(seekers) {
+                break;
+            }
         }
-        let column = |j: usize| [0, 1].map(|c| (at(j)[c] - at(0)[c]) / step_mm);
-        let change_mm = if arrived { solve([column(1), column(2)], miss_mm) } else { None };
+    }
+
+    /// One step of it for all that are not there; whether there were any.
+    fn improve(&self, seekers: &mut [Seeker]) -> bool {
+        let mut open: Vec<(usize, &mut Seeker)> =
+            seekers.iter_mut().enumerate().filter(|(_, seeker)| !seeker.is_there).collect();
+        // Each ray, and one beside it along x and y.
+        let trios = open.iter().flat_map(|(index, seeker)| {
+            let [x, y] = seeker.start_mm;
+            let starts_mm = [[x, y], [x + self.step_mm, y], [x, y + self.step_mm]];
+            starts_mm.map(|start_mm| (self.launch)(*index, start_mm))
+        });
+        let mut rays: Rays = trios.collect();
+        self.train.trace(&mut rays);
+        for (n, (_, seeker)) in open.iter_mut().enumerate() {
+            let arrived = (0..3).all(|j| rays.fate(3 * n + j) == Fate::Arrived);
+            self.step(seeker, arrived.then(|| [0, 1, 2].map(|j| (self.reached)(&rays.ray(3 * n + j)))));
+        }
+        !open.is_empty()
+    }
+
+    /// A seeker's step, by what its ray and those beside it have reached.
+    fn step(&self, seeker: &mut Seeker, reached: Option<[[f64; 2]; 3]>) {
+        let change_mm = reached.and_then(|at| {
+            let miss = [0, 1].map(|c| seeker.aim[c] - at[0][c]);
+            let [a, b] = [1, 2].map(|j| [0, 1].map(|c| (at[j][c] - at[0][c]) / self.step_mm));
+            seeker.is_there = miss[0].hypot(miss[1]) <= self.tolerance;
+            seeker.spread = (a[0] * b[1] - b[0] * a[1]).abs();
+            solve([a, b], miss)
+        });
+        if seeker.is_there {
+            return;
+        }
         // A ray that does not get to the stop starts again nearer to the axis.
         seeker.start_mm = match change_mm {
             Some(change_mm) => [0, 1].map(|c| seeker.start_mm[c] + change_mm[c]),
             None => seeker.start_mm.map(|mm| 0.5 * mm),
         };
     }
-    !open.is_empty()
 }
 
 /// The solution of two linear equations, by the columns of their matrix.

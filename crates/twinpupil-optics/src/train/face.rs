@@ -1,7 +1,10 @@
 //! A surface made ready to be traced at one wavelength.
 
+use std::sync::Arc;
+
 use twinpupil_instrument::{Across, Annulus, Shape, SurfaceSpec};
 
+use super::facets::Facets;
 use super::rigid::Rigid;
 
 /// A surface made ready to be traced.
@@ -43,6 +46,8 @@ pub(crate) enum Profile {
     Asphere(Polynomial),
     /// A plane with the slopes of an asphere.
     Fresnel(Polynomial),
+    /// The facets of a Fresnel lens and the walls between them.
+    Facets(Arc<Facets>),
 }
 
 /// A conic and a polynomial of r.
@@ -130,6 +135,7 @@ impl Face {
             Profile::Sphere { c } | Profile::Conic { c, .. } => *c,
             Profile::Cylinder { c, along } => f64::from(u8::from(*along == 1)) * c,
             Profile::Asphere(polynomial) | Profile::Fresnel(polynomial) => polynomial.vertex_curvature_per_mm(),
+            Profile::Facets(facets) => facets.vertex_curvature_per_mm(),
         }
     }
 }
@@ -147,9 +153,10 @@ impl Polynomial {
 }
 
 impl Profile {
+    /// That of a shape by itself: facets, which depend on glass and thickness, are [`Facets`].
     pub(crate) fn of(shape: &Shape) -> Self {
         match shape {
-            Shape::Plane | Shape::ThinLens { .. } | Shape::Break => Self::Plane,
+            Shape::Plane | Shape::ThinLens { .. } | Shape::Break | Shape::Facets { .. } => Self::Plane,
             Shape::Sphere { radius_mm } => Self::Sphere { c: 1.0 / radius_mm },
             Shape::Conic { radius_mm, conic_constant } => conic(1.0 / radius_mm, *conic_constant),
             Shape::Cylinder { radius_mm, curved } => {

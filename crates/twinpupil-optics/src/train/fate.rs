@@ -21,6 +21,11 @@ pub enum Fate {
         /// The surface.
         surface: usize,
     },
+    /// It met a wall between the facets of a Fresnel lens, or was turned along them.
+    GrooveWall {
+        /// The surface.
+        surface: usize,
+    },
     /// It met a mask where that does not pass its band.
     Blocked {
         /// Index in the list of masks.
@@ -35,6 +40,7 @@ pub(crate) const MISSED: Code = 1;
 pub(crate) const VIGNETTED: Code = 2;
 pub(crate) const REFLECTED: Code = 3;
 pub(crate) const BLOCKED: Code = 4;
+pub(crate) const WALL: Code = 5;
 const KIND_BITS: u32 = 3;
 
 /// The code of a loss at a surface or mask.
@@ -49,6 +55,7 @@ impl Fate {
             MISSED => Self::Missed { surface },
             VIGNETTED => Self::Vignetted { surface },
             REFLECTED => Self::TotalInternalReflection { surface },
+            WALL => Self::GrooveWall { surface },
             BLOCKED => Self::Blocked { mask: surface },
             _ => Self::Arrived,
         }
@@ -77,6 +84,8 @@ pub struct SurfaceLosses {
     pub vignetted: u64,
     /// They could not leave the denser medium.
     pub total_internal_reflection: u64,
+    /// They met a wall between facets.
+    pub groove_wall: u64,
 }
 
 impl FateLedger {
@@ -88,6 +97,7 @@ impl FateLedger {
             Fate::Missed { surface } => self.at(surface).missed += 1,
             Fate::Vignetted { surface } => self.at(surface).vignetted += 1,
             Fate::TotalInternalReflection { surface } => self.at(surface).total_internal_reflection += 1,
+            Fate::GrooveWall { surface } => self.at(surface).groove_wall += 1,
             Fate::Blocked { mask } => *entry(&mut self.blocked, mask) += 1,
         }
     }
@@ -107,6 +117,7 @@ impl FateLedger {
             sum.missed += losses.missed;
             sum.vignetted += losses.vignetted;
             sum.total_internal_reflection += losses.total_internal_reflection;
+            sum.groove_wall += losses.groove_wall;
         }
         for (mask, count) in other.blocked.iter().enumerate() {
             *entry(&mut self.blocked, mask) += count;
@@ -116,7 +127,9 @@ impl FateLedger {
 
     /// Sum over all fates, which is `launched`.
     pub fn total(&self) -> u64 {
-        let lost = |losses: &SurfaceLosses| losses.missed + losses.vignetted + losses.total_internal_reflection;
+        let lost = |losses: &SurfaceLosses| {
+            losses.missed + losses.vignetted + losses.total_internal_reflection + losses.groove_wall
+        };
         self.arrived + self.surfaces.iter().map(lost).sum::<u64>() + self.blocked.iter().sum::<u64>()
     }
 
@@ -144,14 +157,15 @@ mod tests {
             Fate::Missed { surface: 0 },
             Fate::Vignetted { surface: 3 },
             Fate::TotalInternalReflection { surface: 3 },
+            Fate::GrooveWall { surface: 2 },
             Fate::Blocked { mask: 1 },
         ];
-        let codes = [0, code(0, MISSED), code(3, VIGNETTED), code(3, REFLECTED), code(1, BLOCKED)];
+        let codes = [0, code(0, MISSED), code(3, VIGNETTED), code(3, REFLECTED), code(2, WALL), code(1, BLOCKED)];
         assert_eq!(codes.map(Fate::of), fates);
         let mut ledger = FateLedger::default();
         fates.into_iter().for_each(|fate| ledger.record(fate));
-        assert_eq!((ledger.launched, ledger.total(), ledger.blocked.len()), (5, 5, 2));
+        assert_eq!((ledger.launched, ledger.total(), ledger.blocked.len()), (6, 6, 2));
         let sum = FateLedger::default().merge(&ledger).merge(&ledger);
-        assert_eq!((sum.launched, sum.total(), sum.surfaces[3].vignetted), (10, 10, 2));
+        assert_eq!((sum.launched, sum.total(), sum.surfaces[3].vignetted), (12, 12, 2));
     }
 }

@@ -42,6 +42,7 @@ fn pass(face: &Face, block: &mut Block) {
             let met = asphere::meet_flat(polynomial, face.from_previous.origin[2], block);
             act(face, &met, block);
         }
+        Profile::Facets(facets) => facets.pass(face, block),
     }
     clip(&face.clear, face.index, block);
 }

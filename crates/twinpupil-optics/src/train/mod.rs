@@ -7,6 +7,7 @@
 mod aim;
 mod asphere;
 mod face;
+mod facets;
 mod fate;
 mod first_order;
 mod kernel;
@@ -25,9 +26,10 @@ pub use rays::{Ray, Rays};
 pub use seidel::{ChromaticSums, SeidelSums};
 
 use crate::OpticsError;
-pub(crate) use aim::{Seeker, seek};
+pub(crate) use aim::{Aiming, DIFFERENCE, Seeker, aimed};
 pub(crate) use face::Profile as SurfaceProfile;
 use face::{Action, Clear, Face, Profile, Rings};
+use facets::Facets;
 pub(crate) use rays::{Block, LANES};
 use rigid::Rigid;
 
@@ -77,7 +79,10 @@ impl Train {
                 }
                 faces.push(Face {
                     index: i,
-                    profile: Profile::of(&surface.shape),
+                    profile: match Facets::of(prescription, i, catalogues, wavelength_nm)? {
+                        Some(facets) => Profile::Facets(facets.into()),
+                        None => Profile::of(&surface.shape),
+                    },
                     action: action(&surface.shape, surface.mirror, index_before, index),
                     index_before,
                     index_behind: index,
@@ -107,7 +112,8 @@ impl Train {
 
     /// The same lens with a mask in its light, `number` in the list of masks.
     pub fn with_mask(mut self, number: usize, mask: &Mask) -> Self {
-        let at = self.faces.iter().position(|face| face.index == mask.surface).unwrap_or(self.faces.len() - 1);
+        let is_surface = |face: &Face| face.clear.rings.is_none() && face.index == mask.surface;
+        let at = self.faces.iter().position(is_surface).unwrap_or(self.faces.len() - 1);
         let reference = &self.faces[at];
         let (axis, in_front) = (reference.axis.shifted([0.0, 0.0, mask.behind_mm]), mask.behind_mm < 0.0);
         let index = if in_front { reference.index_before } else { reference.index_behind };
@@ -131,6 +137,45 @@ impl Train {
         let count = self.faces.iter().position(is_mask).map_or(self.faces.len(), |at| at + 1);
         let faces = self.faces[..count].iter().map(|face| Face { clear: Clear::EVERYWHERE, ..face.clone() });
         Self { faces: linked(faces.collect()) }
+    }
+
+    /// The same surfaces, clear everywhere.
+    pub(crate) fn clear(&self) -> Self {
+        let faces = self.faces.iter().map(|face| Face { clear: Clear::EVERYWHERE, ..face.clone() });
+        Self { faces: linked(faces.collect()) }
+    }
+
+    /// The surfaces behind the first `count`, for rays that are stated in the axes of the last of those.
+    pub(crate) fn behind(&self, count: usize) -> Self {
+        let (before, behind) = self.faces.split_at(count);
+        let start = before.last().map(|last| Face {
+            place: last.place,
+            clear: Clear::EVERYWHERE,
+            ..Face::mask(0, last.axis, last.index_behind, Rings::everywhere())
+        });
+        Self { faces: linked(start.into_iter().chain(behind.iter().cloned()).collect()) }
+    }
+
+    /// The plane from which rays before the lens are counted, and nothing else.
+    pub(crate) fn plane_in_front(&self) -> Self {
+        let place = self.faces[0].place;
+        let plane = Face { place, ..Face::mask(0, place, self.faces[0].index_before, Rings::everywhere()) };
+        Self { faces: linked(vec![plane]) }
+    }
+
+    /// How far behind the first vertex of the lens the first face stands, from whose plane rays are counted.
+    pub(crate) fn first_depth_mm(&self) -> f64 {
+        self.faces[0].axis.origin[2]
+    }
+
+    /// Whether one of its surfaces is an ideal lens.
+    pub(crate) fn has_ideal_lens(&self) -> bool {
+        self.faces.iter().any(|face| matches!(face.action, Action::ThinLens { .. }))
+    }
+
+    /// Refractive index before the image.
+    pub(crate) fn index_before_image(&self) -> f64 {
+        self.faces.last().map_or(1.0, |image| image.index_before)
     }
 
     /// Sends a block of rays through all surfaces.

@@ -33,6 +33,7 @@ impl Profile {
         let square = x * x + y * y;
         match self {
             Self::Plane | Self::Fresnel(_) => 0.0,
+            Self::Facets(facets) => facets.depth_mm(square.sqrt()),
             Self::Sphere { c } => conic_depth_mm(*c, 0.0, square),
             Self::Conic { c, k } => conic_depth_mm(*c, *k, square),
             Self::Cylinder { c, along } => conic_depth_mm(*c, 0.0, [x, y][*along].powi(2)),

@@ -128,7 +128,7 @@ impl Passage<'_> {
     }
 
     fn seidel(&self) -> SeidelSums {
-        let is_flat_lens = matches!(self.face.profile, Profile::Fresnel(_));
+        let is_flat_lens = matches!(self.face.profile, Profile::Fresnel(_) | Profile::Facets(_));
         if is_flat_lens || matches!(self.face.action, Action::ThinLens { .. }) {
             return SeidelSums::default();
         }
@@ -169,7 +169,8 @@ impl Face {
     /// G: what the r⁴ of the depth is beyond that of a sphere of the same curvature at the vertex, 1/mm³.
     fn fourth_order_per_mm3(&self) -> f64 {
         match &self.profile {
-            Profile::Plane | Profile::Sphere { .. } | Profile::Cylinder { .. } | Profile::Fresnel(_) => 0.0,
+            Profile::Plane | Profile::Sphere { .. } | Profile::Cylinder { .. } => 0.0,
+            Profile::Fresnel(_) | Profile::Facets(_) => 0.0,
             Profile::Conic { c, k } => k * c.powi(3) / 8.0,
             Profile::Asphere(polynomial) => {
                 polynomial.fourth_order_per_mm3() - self.vertex_curvature_per_mm().powi(3) / 8.0

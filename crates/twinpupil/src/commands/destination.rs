@@ -1,6 +1,6 @@
 //! Where a command's text goes.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use clap::Args;
@@ -17,6 +17,11 @@ pub struct Destination {
 }
 
 impl Destination {
+    /// The file, if it is not standard output.
+    pub fn path(&self) -> Option<&Path> {
+        self.output.as_deref()
+    }
+
     /// Writes a text.
     pub fn write(&self, text: String) -> Result<()> {
         output::write(self.output.as_deref(), text.into_bytes())

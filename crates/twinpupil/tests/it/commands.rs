@@ -201,3 +201,50 @@ fn a_lens_is_shown_and_drawn() {
     let error = workplace.fail("optics show bad.zmx");
     assert!(error.contains("bad.zmx: line 3: surface type BINARY_2 is unknown"), "{error}");
 }
+
+#[test]
+fn a_lens_is_asked_about_rays_wavefront_images_and_contrast() {
+    let workplace = Workplace::new();
+    workplace.write("lens.toml", include_str!("../../../twinpupil-optics/tests/lenses/cooke-triplet.toml"));
+    let used = "--wavelength-nm 550 --pupil-mm 10 --field-deg 20";
+    // Optiland has 0.5286 at 50 cycles/mm on the axis, where its stop is as wide as a real ray has it and not as a close one.
+    let text = workplace.succeed(&format!("optics mtf lens.toml {used} --to-per-mm 50 --gratings 2 --svg mtf.svg"));
+    assert!(text.contains("50.0000      0.5152") && text.lines().count() == 1 + 3 * 2, "{text}");
+    let csv = workplace.succeed(&format!("optics distortion lens.toml {used} --points 3 --csv --svg distortion.svg"));
+    assert!(csv.starts_with("field_deg,wavelength_nm,ideal_mm,chief_mm,distortion,"), "{csv}");
+    assert!(csv.contains(",0.207077"), "{csv}");
+    workplace.succeed(&format!("optics fan lens.toml {used} --places 5 -o fan.csv --svg fan.svg"));
+    assert_eq!(workplace.read("fan.csv").lines().count(), 1 + 3 * 5);
+    let json = workplace.succeed(&format!("optics psf lens.toml {used} --json --svg psf.svg --png psf.png"));
+    let rows: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let ratio = rows[0]["strehl_ratio"].as_f64().unwrap();
+    assert!((0.1..1.0).contains(&ratio), "{json}");
+    for drawing in ["mtf.svg", "distortion.svg", "fan.svg", "psf.svg"] {
+        let svg = workplace.read(drawing);
+        assert!(svg.starts_with("<svg") && svg.ends_with("</svg>\n") && !svg.contains("NaN"), "{drawing}");
+    }
+    let error = workplace.fail(&format!("optics mtf lens.toml {used} --z-mm 300"));
+    assert!(error.contains("--z-mm and --r-mm are for an instrument file; this is a lens"), "{error}");
+    workplace
+        .write("ideal.toml", "[[surface]]\nshape = { kind = \"thin-lens\", focal_length_mm = 50.0 }\ngap_mm = 50.0\n");
+    let error = workplace.fail("optics psf ideal.toml --pupil-mm 5 --field-deg 3 -o none.csv");
+    assert!(error.contains("has a surface of kind thin-lens"), "{error}");
+    assert!(workplace.succeed("optics psf ideal.toml --pupil-mm 5").contains("1.0000"));
+}
+
+#[test]
+fn a_camera_is_asked_in_its_bands() {
+    let workplace = Workplace::new();
+    workplace.write("lens.zmx", include_bytes!("../../../../docs/lenses/double-gauss.zmx"));
+    workplace.succeed("design lens.zmx --distance-mm 300 --radii-mm 0.33 0.61 -o camera -q");
+    let text = workplace.succeed("optics psf camera/instrument.toml --r-mm 6");
+    assert_eq!((text.matches("red").count(), text.matches("blue").count()), (3, 3), "{text}");
+    // A pupil of radius 0.33 mm is 88.6 mm in front of the sensor: 0.61 λ/sin u.
+    assert!(text.contains("Airy") && text.contains("r = 6.000 mm"), "{text}");
+    let spots = workplace.succeed("optics spot camera/instrument.toml --r-mm 6 --rays 50");
+    assert!(spots.contains("50 of 50"), "{spots}");
+    let error = workplace.fail("optics psf camera/instrument.toml --field-deg 3");
+    assert!(error.contains("--field-deg is for a lens"), "{error}");
+    let error = workplace.fail("optics mtf paper");
+    assert!(error.contains("`lens.model` is thin; legal: prescription"), "{error}");
+}

@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use anyhow::Result;
 use twinpupil_instrument::{Shape, SurfaceSpec};
-use twinpupil_optics::{Ray, Train};
+use twinpupil_optics::Ray;
 
 use super::used::Used;
 
@@ -25,8 +25,8 @@ type Line = Vec<[f64; 2]>;
 
 /// The drawing.
 pub(super) fn svg(used: &Used) -> Result<String> {
-    let ends = used.shortest_and_longest().map(|k| &used.trains[k]);
-    let paths = ends.iter().map(|train| paths(used, train)).collect::<Result<Vec<_>>>()?;
+    let ends = used.shortest_and_longest();
+    let paths = ends.iter().map(|colour| paths(used, *colour)).collect::<Result<Vec<_>>>()?;
     let rays: Vec<(usize, Vec<Path>)> = paths.into_iter().enumerate().collect();
     let surfaces: Vec<&SurfaceSpec> =
         used.file.prescription.surfaces.iter().filter(|surface| surface.shape != Shape::Break).collect();
@@ -48,12 +48,12 @@ struct Path {
     heights_mm: Vec<f64>,
 }
 
-fn paths(used: &Used, train: &Train) -> Result<Vec<Path>> {
+fn paths(used: &Used, colour: usize) -> Result<Vec<Path>> {
+    let (train, imager) = (&used.trains[colour], used.imager(colour)?);
     let pupil_mm = used.pupil_mm()?;
     let lead_mm = 0.4 * pupil_mm + 0.1 * used.first_order.focal_length_mm.abs().min(10.0 * pupil_mm);
     let places = PLACES.map(|place| [0.0, place]);
-    let fields = FIELDS.iter().map(|part| used.rays(train, part * used.field_slope, &places));
-    let rays = fields.collect::<Result<Vec<_>>>()?.into_iter().flatten();
+    let rays = FIELDS.iter().flat_map(|part| imager.rays(used.field(part * used.field_slope), &places)).flatten();
     let path = |ray: Ray| {
         let (met, _) = train.path(&ray);
         let [dy, dz] = [ray.direction[1], ray.direction[2]];

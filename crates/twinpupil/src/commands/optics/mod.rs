@@ -1,6 +1,12 @@
-//! `twinpupil optics`: what a lens is that is given surface by surface.
+//! `twinpupil optics`: what a lens is that is given surface by surface, and what it makes of points.
 
+mod answer;
+mod asked;
+mod distortion;
+mod fan;
 mod layout;
+mod mtf;
+mod psf;
 mod show;
 mod spot;
 mod used;
@@ -15,6 +21,14 @@ pub enum Command {
     Show(show::Args),
     /// Show how large points of the field are in the image, where they are and where they should be
     Spot(spot::Args),
+    /// Show how rays over the pupil miss, and the wavefront
+    Fan(fan::Args),
+    /// Show where chief rays meet the image, and how it is curved
+    Distortion(distortion::Args),
+    /// Show the image of a point by diffraction and by rays
+    Psf(psf::Args),
+    /// Show the contrast of gratings by diffraction and by rays
+    Mtf(mtf::Args),
 }
 
 /// Runs `twinpupil optics`.
@@ -22,5 +36,9 @@ pub fn run(command: &Command) -> Result<()> {
     match command {
         Command::Show(args) => show::run(args),
         Command::Spot(args) => spot::run(args),
+        Command::Fan(args) => fan::run(args),
+        Command::Distortion(args) => distortion::run(args),
+        Command::Psf(args) => psf::run(args),
+        Command::Mtf(args) => mtf::run(args),
     }
 }

@@ -2,10 +2,10 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use clap::Args;
 use twinpupil_instrument::{Catalogue, paraxial_rays};
-use twinpupil_optics::{Beam, Field, FieldPoint, FirstOrder, Ray, Train};
+use twinpupil_optics::{Beam, Field, FieldPoint, FirstOrder, Imager, Train};
 
 use crate::io::lens::{LensFile, read_catalogues, read_lens};
 
@@ -13,7 +13,7 @@ use crate::io::lens::{LensFile, read_catalogues, read_lens};
 #[derive(Debug, Args)]
 pub(super) struct LensArgs {
     /// Lens: a `.zmx` file, or a prescription in TOML
-    lens: PathBuf,
+    pub(super) lens: PathBuf,
     /// AGF catalogue with glasses of the lens; may be given several times
     #[arg(long, value_name = "FILE")]
     agf: Vec<PathBuf>,
@@ -26,6 +26,24 @@ pub(super) struct LensArgs {
     /// Largest angle of the field, degrees; else that of the file
     #[arg(long, value_name = "DEG")]
     field_deg: Option<f64>,
+}
+
+impl LensArgs {
+    /// A camera states what would be said of a lens here.
+    pub(super) fn refuse_for_camera(&self) -> Result<()> {
+        let stated = [
+            ("--agf", !self.agf.is_empty()),
+            ("--wavelength-nm", !self.wavelength_nm.is_empty()),
+            ("--pupil-mm", self.pupil_mm.is_some()),
+            ("--field-deg", self.field_deg.is_some()),
+        ];
+        match stated.iter().find(|(_, is_stated)| *is_stated) {
+            Some((option, _)) => {
+                bail!("{option} is for a lens; an instrument file states its own, and has --z-mm, --r-mm")
+            }
+            None => Ok(()),
+        }
+    }
 }
 
 /// A lens as it is used, at every wavelength.
@@ -81,24 +99,24 @@ impl Used {
         self.pupil_mm.context("nothing limits the beam; state --pupil-mm")
     }
 
-    /// Rays before the lens from a point of the field along y, by the slope of its chief ray, through places of the stop,
-    /// in its radii; without a stop through places of the first vertex. Those that no ray reaches are left out.
-    pub(super) fn rays(&self, train: &Train, slope: f64, places: &[[f64; 2]]) -> Result<Vec<Ray>> {
-        let (pupil, radius_mm) = (self.first_order.entrance_pupil, 0.5 * self.pupil_mm()?);
-        let field = match self.file.prescription.object_distance_mm {
+    /// The lens at one of its wavelengths, through its stop.
+    pub(super) fn imager(&self, colour: usize) -> Result<Imager> {
+        let radius_mm = 0.5 * self.pupil_mm()?;
+        let stop = self.file.prescription.stop().zip(self.first_order.entrance_pupil);
+        let stop_radius_mm = stop.map_or(radius_mm, |(_, pupil)| radius_mm / pupil.magnification.abs());
+        let (train, wavelength_nm) = (self.trains[colour].clone(), self.file.wavelengths_nm[colour]);
+        Ok(Imager::through_stop(train, wavelength_nm, stop.map(|(stop, _)| stop), stop_radius_mm))
+    }
+
+    /// The point of the field along y whose chief ray has that slope.
+    pub(super) fn field(&self, slope: f64) -> Field {
+        match self.file.prescription.object_distance_mm {
             Some(distance_mm) => {
-                let pupil_depth_mm = pupil.map_or(0.0, |pupil| pupil.position_mm);
+                let pupil_depth_mm = self.first_order.entrance_pupil.map_or(0.0, |pupil| pupil.position_mm);
                 Field::Point { position_mm: [0.0, -slope * (distance_mm + pupil_depth_mm), -distance_mm] }
             }
             None => Field::Infinite { slope: [0.0, slope] },
-        };
-        let Some((stop, pupil)) = self.file.prescription.stop().zip(pupil) else {
-            let ray = |[x, y]: &[f64; 2]| Ray::new([x * radius_mm, y * radius_mm, 0.0], [0.0, slope, 1.0]);
-            return Ok(places.iter().map(ray).collect());
-        };
-        let stop_radius_mm = radius_mm / pupil.magnification.abs();
-        let places_mm: Vec<[f64; 2]> = places.iter().map(|place| place.map(|part| part * stop_radius_mm)).collect();
-        Ok(train.aim(stop, field, &places_mm, stop_radius_mm).into_iter().flatten().collect())
+        }
     }
 }
 

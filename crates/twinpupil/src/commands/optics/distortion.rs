@@ -1,0 +1,132 @@
+//! `twinpupil optics distortion`: where chief rays meet the image, and where light about them comes together.
+
+use anyhow::Result;
+use clap::Args as ClapArgs;
+use serde::Serialize;
+
+use super::answer::{Answer, Form};
+use super::asked::{About, Asked, AskedArgs, View};
+use crate::io::table::{Cells, Table};
+use crate::plot::{Chart, Colour, Stroke};
+use crate::plot_sheet::sheet;
+use crate::text_table::render;
+
+/// `twinpupil optics distortion …`.
+#[derive(Debug, ClapArgs)]
+pub struct Args {
+    /// What is asked about.
+    #[command(flatten)]
+    asked: AskedArgs,
+    /// Points of the field
+    #[arg(long, value_name = "N", default_value_t = 11, value_parser = clap::value_parser!(u16).range(2..=10_001))]
+    points: u16,
+    /// How it is given.
+    #[command(flatten)]
+    form: Form,
+}
+
+/// One colour at one point of the field.
+#[derive(Debug, Serialize)]
+struct Row {
+    #[serde(flatten)]
+    about: About,
+    /// Where an ideal lens images the point, mm: f·tan θ for an infinite object, of a lens at its first wavelength.
+    ideal_mm: f64,
+    /// Where the chief ray meets the image, mm.
+    chief_mm: Option<f64>,
+    /// How far beyond the ideal place that is, in parts of it; none on the axis.
+    distortion: Option<f64>,
+    /// Where light about the chief ray comes together behind the image, spread along the field and across it, mm.
+    tangential_focus_mm: Option<f64>,
+    sagittal_focus_mm: Option<f64>,
+}
+
+struct Rows<'a> {
+    asked: &'a Asked,
+    rows: Vec<Row>,
+}
+
+impl Serialize for Rows<'_> {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        self.rows.serialize(serializer)
+    }
+}
+
+/// Runs `twinpupil optics distortion`.
+pub(super) fn run(args: &Args) -> Result<()> {
+    let parts: Vec<f64> = (0..args.points).map(|k| f64::from(k) / f64::from(args.points - 1)).collect();
+    let asked = Asked::load(&args.asked, &parts)?;
+    let rows = Rows { asked: &asked, rows: asked.views().iter().map(Row::of).collect() };
+    args.form.give(&rows, || rows.drawing())
+}
+
+impl Row {
+    fn of(view: &View<'_>) -> Self {
+        let (sight, ideal_mm) = (view.sight(), view.ideal_mm());
+        let foci = sight.as_ref().and_then(|sight| sight.foci());
+        let chief_mm = sight.map(|sight| sight.chief_mm()[1]);
+        Self {
+            about: view.about(),
+            ideal_mm,
+            chief_mm,
+            distortion: chief_mm.filter(|_| ideal_mm != 0.0).map(|mm| mm / ideal_mm - 1.0),
+            tangential_focus_mm: foci.map(|foci| foci.tangential_mm),
+            sagittal_focus_mm: foci.map(|foci| foci.sagittal_mm),
+        }
+    }
+}
+
+impl Answer for Rows<'_> {
+    fn text(&self) -> String {
+        let header = [
+            "field",
+            self.asked.colours_are(),
+            "ideal, mm",
+            "chief, mm",
+            "distortion",
+            "tang. focus, mm",
+            "sag. focus, mm",
+        ];
+        let number = |value: Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:.5}"));
+        let row = |(view, row): (View<'_>, &Row)| {
+            let [field, colour] = view.head();
+            let part = row.distortion.map_or("-".to_owned(), |part| format!("{:.4} %", 100.0 * part));
+            let [ideal, chief] = [Some(row.ideal_mm), row.chief_mm].map(number);
+            [field, colour, ideal, chief, part, number(row.tangential_focus_mm), number(row.sagittal_focus_mm)]
+        };
+        render(header, &self.asked.views().into_iter().zip(&self.rows).map(row).collect::<Vec<_>>())
+    }
+
+    fn table(&self) -> Table {
+        let abouts: Vec<&About> = self.rows.iter().map(|row| &row.about).collect();
+        let column = |of: fn(&Row) -> Option<f64>| {
+            Cells::Real(self.rows.iter().map(|row| of(row).unwrap_or(f64::NAN)).collect(), 9)
+        };
+        self.asked
+            .table(&abouts)
+            .with("ideal_mm", column(|row| Some(row.ideal_mm)))
+            .with("chief_mm", column(|row| row.chief_mm))
+            .with("distortion", column(|row| row.distortion))
+            .with("tangential_focus_mm", column(|row| row.tangential_focus_mm))
+            .with("sagittal_focus_mm", column(|row| row.sagittal_focus_mm))
+    }
+}
+
+impl Rows<'_> {
+    fn drawing(&self) -> String {
+        let mut distortion = Chart::new(self.asked.field_is(), "distortion, %");
+        let mut foci = Chart::new(self.asked.field_is(), "focus behind the image, mm");
+        for (k, colour) in (0..self.asked.colours.len()).zip(Colour::SERIES.into_iter().cycle()) {
+            let rows = || self.asked.views().into_iter().zip(&self.rows).filter(move |(view, _)| view.colour == k);
+            let line = |of: fn(&Row) -> Option<f64>| -> Vec<[f64; 2]> {
+                rows().filter_map(|(view, row)| Some([self.asked.fields[view.field].place, of(row)?])).collect()
+            };
+            let name = &self.asked.colours[k].name;
+            distortion = distortion.line(name, colour, Stroke::Solid, &line(|row| Some(100.0 * row.distortion?)));
+            foci = foci
+                .line(&format!("{name}, tangential"), colour, Stroke::Solid, &line(|row| row.tangential_focus_mm))
+                .line(&format!("{name}, sagittal"), colour, Stroke::Dashed, &line(|row| row.sagittal_focus_mm));
+        }
+        sheet(&[("Distortion and field curvature".to_owned(), vec![distortion.into_svg(), foci.into_svg()])])
+    }
+}
