@@ -316,3 +316,160 @@ impl Move {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use twinpupil_instrument::{PixelPoint, Projection, Shape, SurfaceSpec, paper};
+
+    use super::super::sight::Sight;
+    use super::super::tolerances::grade;
+    use super::*;
+
+    /// The paper's camera behind a lens of these surfaces.
+    fn drawing(surfaces: Vec<SurfaceSpec>, edit: impl Fn(&mut Tolerances)) -> Drawing {
+        let mut spec = paper::instrument().into_spec();
+        let lens = PrescriptionSpec { surfaces, ..PrescriptionSpec::default() };
+        spec.lens = Lens::Prescription(Box::new(PrescriptionLens { prescription: Some(lens), ..Default::default() }));
+        // Behind the lens, wherever its rear principal plane is.
+        spec.apertures[0].position_mm = 8.0;
+        let mut tolerances = Tolerances::from_toml(grade("commercial").unwrap()).unwrap();
+        edit(&mut tolerances);
+        Drawing::new(&Instrument::new(spec).unwrap(), &tolerances).unwrap()
+    }
+
+    fn ideal() -> Vec<SurfaceSpec> {
+        vec![SurfaceSpec { shape: Shape::ThinLens { focal_length_mm: 100.0 }, ..SurfaceSpec::default() }]
+    }
+
+    fn singlet() -> Vec<SurfaceSpec> {
+        let surface = |radius_mm: f64, gap_mm: f64, medium: &str| SurfaceSpec {
+            shape: Shape::Sphere { radius_mm },
+            gap_mm,
+            medium: medium.to_owned(),
+            ..SurfaceSpec::default()
+        };
+        vec![surface(103.0, 4.0, "N-BK7"), surface(-103.0, 0.0, "air")]
+    }
+
+    /// Built off by one number.
+    fn off_by(drawing: &Drawing, source: Source, off: f64) -> Built {
+        let all: Vec<f64> = drawing.sources.iter().map(|own| if own.source == source { off } else { 0.0 }).collect();
+        assert!(all.iter().filter(|off| **off != 0.0).count() == 1, "{source:?}");
+        drawing.built(&all, false).unwrap()
+    }
+
+    #[test]
+    fn a_decentred_lens_sees_the_world_and_its_masks_the_other_way_off() {
+        const OFF_MM: f64 = 0.2;
+        let drawing = drawing(ideal(), |_| ());
+        for axis in [0, 1] {
+            let built = off_by(&drawing, Source::ElementDecentre(0, axis), OFF_MM);
+            let sight = Sight::new(&built.instrument).unwrap();
+            // The axes of the prescription have y up.
+            let moved: [f64; 2] = std::array::from_fn(|k| if k == axis { [OFF_MM, -OFF_MM][k] } else { 0.0 });
+            let object_mm = [6.0, -4.0, 260.0];
+            for (band, own) in drawing.instrument.bands.iter().enumerate() {
+                let projection = drawing.instrument.projection(own);
+                // About the lens; on the sensor, whose image is upside down, back by as much.
+                let about = Projection { pupil_centre_mm: moved.map(|mm| -mm), ..projection };
+                let image = about.image([object_mm[0] - moved[0], object_mm[1] - moved[1], object_mm[2]]);
+                let sensor = &drawing.instrument.sensor;
+                let expected = PixelPoint {
+                    u: sensor.axis_px[0] + (image.x_mm - moved[0]) / sensor.pitch_mm,
+                    v: sensor.axis_px[1] + (image.y_mm - moved[1]) / sensor.pitch_mm,
+                };
+                let found = sight.shown(band, object_mm).unwrap().centre;
+                let off_px = (found.u - expected.u).hypot(found.v - expected.v);
+                assert!(off_px < 1e-3, "{}: {found:?} {expected:?}", own.name);
+            }
+        }
+    }
+
+    #[test]
+    fn tilting_a_thick_lens_about_its_middle_hardly_moves_the_image() {
+        // The nodal points of an even lens lie about its middle: far images stay to first order [Hecht, Optics, 6.1].
+        let drawing = drawing(singlet(), |_| ());
+        let [still, tilted, decentred] = [
+            (Source::ElementTilt(0, 1), 1e-12),
+            (Source::ElementTilt(0, 1), 0.3),
+            (Source::ElementDecentre(0, 0), 0.02),
+        ]
+        .map(|(source, off)| {
+            let sight = Sight::new(&off_by(&drawing, source, off).instrument).unwrap();
+            sight.shown(0, [5.0, 0.0, 300.0]).unwrap().centre
+        });
+        let moved = |image: PixelPoint| (image.u - still.u).hypot(image.v - still.v);
+        // 0.3° over the 1.4 mm between the nodal points is 0.007 mm; its middle off by 0.02 mm counts more than once.
+        assert!(moved(tilted) < 2.0 && moved(decentred) > 4.0, "{} {}", moved(tilted), moved(decentred));
+    }
+
+    #[test]
+    fn the_focal_length_follows_the_lens_makers_equation() {
+        let drawing = drawing(singlet(), |_| ());
+        let index = Glass::built_in("N-BK7", "m").unwrap().index(587.6).unwrap();
+        let focal_length_mm = |index: f64, radius_mm: f64, thickness_mm: f64| {
+            let (power, r) = (index - 1.0, radius_mm);
+            1.0 / (power * (1.0 / r + 1.0 / 103.0 - power * thickness_mm / (index * r * 103.0)))
+        };
+        let of = |source: Source, off: f64| off_by(&drawing, source, off).instrument.lens.focal_length_mm();
+        for (found, expected) in [
+            (of(Source::Index(0), 1e-3), focal_length_mm(index + 1e-3, 103.0, 4.0)),
+            (of(Source::Radius(0), 0.5), focal_length_mm(index, 103.0 * 1.005, 4.0)),
+            (of(Source::Thickness(0), 0.1), focal_length_mm(index, 103.0, 4.1)),
+        ] {
+            assert!((found - expected).abs() < 1e-9, "{found} {expected}");
+        }
+    }
+
+    #[test]
+    fn the_sensor_keeps_its_place_in_the_housing() {
+        let drawing = drawing(singlet(), |_| ());
+        let vertex_to_sensor_mm = |instrument: &Instrument| {
+            let Lens::Prescription(lens) = &instrument.lens else { panic!("a prescription") };
+            let l = instrument.sensor.distance_mm;
+            lens.stand(l).unwrap().rear_principal_mm + l
+        };
+        let drawn_mm = vertex_to_sensor_mm(&drawing.instrument);
+        let built = off_by(&drawing, Source::Thickness(0), 0.1);
+        assert!((vertex_to_sensor_mm(&built.instrument) - drawn_mm).abs() < 1e-9);
+        assert!(built.instrument.sensor.distance_mm != drawing.instrument.sensor.distance_mm);
+        let nearer = off_by(&drawing, Source::SensorDistance, 0.05);
+        assert!((vertex_to_sensor_mm(&nearer.instrument) - drawn_mm - 0.05).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_camera_of_one_material_grows_as_one() {
+        let drawing = drawing(singlet(), |tolerances| {
+            tolerances.temperature.mount_expansion_per_k = 7.1e-6;
+            tolerances.temperature.glass.index_per_k = 0.0;
+        });
+        let warm = off_by(&drawing, Source::Temperature, 100.0).instrument;
+        let grown = 1.0 + 7.1e-4;
+        for (found, cold) in [
+            (warm.lens.focal_length_mm(), drawing.instrument.lens.focal_length_mm()),
+            (warm.sensor.distance_mm, drawing.instrument.sensor.distance_mm),
+            (warm.apertures[1].position_mm, drawing.instrument.apertures[1].position_mm),
+        ] {
+            assert!((found / cold - grown).abs() < 1e-9, "{found} {cold}");
+        }
+    }
+
+    #[test]
+    fn masks_stop_at_glass_and_go_past_a_surface_without_any() {
+        let air = |gap_mm: f64| SurfaceSpec { gap_mm, ..SurfaceSpec::default() };
+        let mut surfaces = singlet();
+        surfaces[1].gap_mm = 3.0;
+        surfaces.extend([air(2.0), air(0.0)]);
+        let drawn_lens = drawing(surfaces, |_| ());
+        let Lens::Prescription(lens) = &drawn_lens.instrument.lens else { panic!("a prescription") };
+        let stand = drawn_lens.stand.as_ref().unwrap();
+        let at = |surface: usize, behind_mm: f64, drawn_mm: f64| within_gaps(lens, surface, behind_mm, drawn_mm, stand);
+        assert_eq!(at(1, -0.1, 0.05), (1, 0.0));
+        assert_eq!(at(1, 3.1, 2.95), (2, 3.1 - 3.0));
+        assert_eq!(at(2, -0.1, 0.0), (1, 2.9));
+        assert_eq!(at(0, -0.3, -0.2), (0, -0.3));
+        assert_eq!(at(3, 4.0, 3.9), (3, 4.0));
+        // On glass it stays.
+        assert_eq!(at(1, 0.1, 0.0), (1, 0.0));
+    }
+}

@@ -56,7 +56,7 @@ impl Sight {
 
     /// Where a band images a point, mm from the axis, and the radius of its blur, px.
     fn image(&self, band: usize, object_mm: [f64; 3]) -> Option<(ImagePoint, f64)> {
-        let image = self.camera.bands()[band].point_image(object_mm);
+        let image = self.camera.bands()[band].quick_point_image(object_mm);
         let projection = &self.projections[band];
         let ideal_mm = -projection.pupil_radius_mm * projection.chief(object_mm[2]).shift;
         let blur_px = (ideal_mm + image.spread.growth_mm) / self.pitch_mm;
@@ -123,7 +123,7 @@ impl Reader {
         let (mut object_mm, mut before_mm) = (start_mm, f64::INFINITY);
         for _ in 0..ROUNDS {
             let chief = |(band, image): (usize, &ImagePoint)| {
-                let whole = camera.bands()[band].point_image(object_mm).centroid;
+                let whole = camera.bands()[band].quick_point_image(object_mm).centroid;
                 let first_order = projections[band].image(object_mm);
                 ImagePoint {
                     x_mm: image.x_mm - (whole.x_mm - first_order.x_mm),

@@ -35,9 +35,9 @@ pub struct Tolerances {
     /// The bands' filters.
     #[serde(default)]
     pub filter: FilterTolerances,
-    /// How well the camera is calibrated.
+    /// How the camera is calibrated.
     #[serde(default)]
-    pub calibration: CalibrationNoise,
+    pub calibration: CalibrationSpec,
 }
 
 /// How parts lie within a tolerance.
@@ -140,12 +140,15 @@ pub struct FilterTolerances {
     pub dot_diameter_mm: f64,
 }
 
-/// What a calibration adds.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+/// How the camera is calibrated.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct CalibrationNoise {
+pub struct CalibrationSpec {
     /// Standard deviation of the place of a dot's image, px.
     pub noise_px: f64,
+    /// What is known of numbers beforehand, by their keys in the instrument file; 0 holds one fast.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub prior_std: BTreeMap<String, f64>,
 }
 
 /// Tolerances that ship, by name.
@@ -189,6 +192,9 @@ impl Tolerances {
             ("calibration.noise_px", calibration.noise_px, 10.0),
         ] {
             within(key, value, 0.0, most)?;
+        }
+        for (key, std) in &calibration.prior_std {
+            within(&format!("calibration.prior_std.{key}"), *std, 0.0, 1e6)?;
         }
         temperature.check()
     }
