@@ -308,8 +308,8 @@ impl Move {
         let across = [b.sin(), -a.sin() * b.cos()];
         let mut from_middle_mm = -0.5 * gaps;
         for surface in &mut spec.surfaces[element.surfaces.clone()] {
-            for k in 0..2 {
-                surface.decentre_mm[k] += self.decentre_mm[k] + from_middle_mm * across[k];
+            for (k, across) in across.into_iter().enumerate() {
+                surface.decentre_mm[k] += self.decentre_mm[k] + from_middle_mm * across;
                 surface.tilt_deg[k] += self.tilt_deg[k];
             }
             from_middle_mm += surface.gap_mm;

@@ -66,13 +66,16 @@ impl Sight {
     /// How the pages of all bands show a dot, if all of them do.
     ///
     /// A ghost of the dot in another band's light, as far as it lies over the dot's own image, is measured with it and draws
-    /// the middle of its light after it: by its share of the light, the leak, times the overlap of two discs that far apart.
+    /// the middle of its light after it: by its share of the light, the leak, times the overlap of two discs that far apart,
+    /// as wide as the dot and half of its blur on both sides. So centroids are drawn, to a tenth where the discs overlap by
+    /// half and to a factor of two where they hardly do, as simulated frames show; a fit of pixels is drawn less.
     pub fn dot(&self, object_mm: [f64; 3], leak: &Leak<'_>) -> Option<Vec<Shown>> {
         let images: Vec<(ImagePoint, f64)> =
             (0..self.bands()).map(|band| self.image(band, object_mm)).collect::<Option<_>>()?;
         let drawn = |band: usize| {
             let ((own, blur_px), mut image) = (images[band], images[band].0);
-            let width_mm = leak.dot_diameter_mm * self.projections[band].magnification(object_mm[2]).abs();
+            let magnification = self.projections[band].magnification(object_mm[2]).abs();
+            let width_mm = leak.dot_diameter_mm * magnification + blur_px.abs() * self.pitch_mm;
             for ((ghost, _), share) in images.iter().zip(&leak.matrix[band]).filter(|(_, share)| **share != 0.0) {
                 let [dx, dy] = [ghost.x_mm - own.x_mm, ghost.y_mm - own.y_mm];
                 let drawn = share * overlap(dx.hypot(dy) / width_mm);
@@ -180,15 +183,14 @@ mod tests {
         let instrument = paper::instrument();
         let sight = Sight::new(&instrument).unwrap();
         let object_mm = [0.0, 6.0, 310.0];
-        let centres = |share: f64| {
+        let shown = |share: f64| {
             let matrix = [vec![0.0, share], vec![0.0, 0.0]];
-            let shown = sight.dot(object_mm, &Leak { matrix: &matrix, dot_diameter_mm: 1.0 }).unwrap();
-            shown.iter().map(|shown| shown.centre).collect::<Vec<_>>()
+            sight.dot(object_mm, &Leak { matrix: &matrix, dot_diameter_mm: 1.0 }).unwrap()
         };
-        let (clean, drawn) = (centres(0.0), centres(0.01));
-        let apart_px = clean[1].v - clean[0].v;
-        let dot_px = 0.51 / instrument.sensor.pitch_mm;
-        let expected_px = 0.01 * overlap(apart_px.abs() / dot_px) * apart_px;
-        assert!((drawn[0].v - clean[0].v - expected_px).abs() < 1e-9 && drawn[1] == clean[1]);
+        let (clean, drawn) = (shown(0.0), shown(0.01));
+        let apart_px = clean[1].centre.v - clean[0].centre.v;
+        let wide_px = 0.51 / instrument.sensor.pitch_mm + clean[0].blur_px.abs();
+        let expected_px = 0.01 * overlap(apart_px.abs() / wide_px) * apart_px;
+        assert!((drawn[0].centre.v - clean[0].centre.v - expected_px).abs() < 1e-9 && drawn[1] == clean[1]);
     }
 }

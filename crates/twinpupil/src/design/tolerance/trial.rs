@@ -4,7 +4,7 @@ use anyhow::{Context, Result, bail};
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Dxsm;
 use twinpupil_calibrate::{
-    BLUR_STD, Choices, DotImage, Foreign, ImageOf, PositionCalibration, PositionCalibrator, Quantity, Shown,
+    BLUR_STD, Choices, DotImage, Foreign, ImageOf, Pose, PositionCalibration, PositionCalibrator, Quantity, Shown,
 };
 use twinpupil_instrument::{Grid, Instrument, Lens, LensTerms, PixelPoint};
 use twinpupil_optics::{Camera, response_table};
@@ -78,15 +78,17 @@ impl Trial {
         let calibration = self.calibrated(&images)?;
         let datum = calibration.datum(&self.volume.dots_mm, &self.volume.poses).context("the target has no datum")?;
         let calibrated = Reader::new(&calibration.instrument)?;
-        let errors_mm = |read: &dyn Fn(&[PixelPoint], [f64; 3]) -> Option<f64>| {
+        let read = |reader: &Reader, datum: Option<&Pose>| -> Vec<f64> {
             let error = |(place, seen): (&[f64; 3], &Option<Vec<PixelPoint>>)| {
-                seen.as_ref().and_then(|seen| read(seen, *place)).map_or(f64::NAN, |z_mm| z_mm - place[2])
+                let found_mm = reader.position_mm(seen.as_ref()?, *place)?;
+                Some(datum.map_or(found_mm, |datum| datum.moving(found_mm))[2] - place[2])
             };
-            self.volume.places_mm.iter().zip(&seen).map(error).collect()
+            let errors_mm = self.volume.places_mm.iter().zip(&seen).map(error);
+            errors_mm.map(|error_mm| error_mm.unwrap_or(f64::NAN)).collect()
         };
         Ok(Reading {
-            before_mm: errors_mm(&|seen, place| Some(self.nominal.position_mm(seen, place)?[2])),
-            after_mm: errors_mm(&|seen, place| Some(datum.moving(calibrated.position_mm(seen, place)?)[2])),
+            before_mm: read(&self.nominal, None),
+            after_mm: read(&calibrated, Some(&datum)),
             residual_px: calibration.rms_px,
         })
     }

@@ -3,7 +3,7 @@
 use nalgebra::{Rotation3, Vector3};
 use twinpupil_calibrate::Pose;
 use twinpupil_instrument::Instrument;
-use twinpupil_optics::Camera;
+use twinpupil_optics::{BandOptics, Camera};
 
 use crate::design::sweep::seen_radius_mm;
 
@@ -12,7 +12,9 @@ const DEPTHS: usize = 5;
 const RADII: usize = 4;
 const DIRECTIONS: usize = 3;
 
-/// The nearest radius: so many blind radii, and this share of what is seen at least.
+/// The nearest radius: so many clipping radii, for what decentred elements do to light that masks cut is not traced; where
+/// they cut it everywhere, so many blind radii. This share of what is seen at least.
+const CLIPPING_RADII: f64 = 1.25;
 const BLIND_RADII: f64 = 1.5;
 const INNER: f64 = 0.2;
 
@@ -22,9 +24,6 @@ const OUTER: f64 = 0.95;
 /// Rows and columns of the target, and how much of what is seen all round its corners fill.
 const GRID: [usize; 2] = [4, 5];
 const FILLED: f64 = 0.95;
-
-/// Dots nearer to the axis than so many clipping radii are left out of calibration: parts that are off may cut them.
-const WHOLE: f64 = 1.15;
 
 /// Poses of the target: share of the way through the depth range, tilts about x and y, turn, degrees.
 const POSES: [[f64; 4]; 7] = [
@@ -51,7 +50,7 @@ pub struct Volume {
 }
 
 impl Volume {
-    /// What an instrument is for: from beyond its blind radius to the radius that it sees all round, over its depth range.
+    /// What an instrument is for: from where masks cut no light to the radius that it sees all round, over its depth range.
     pub fn of(instrument: &Instrument, camera: &Camera) -> Self {
         let range = instrument.depth_range();
         let depth_mm = |share: f64| range.near_mm + share * (range.far_mm - range.near_mm);
@@ -67,13 +66,13 @@ impl Volume {
     }
 }
 
-/// Pose and dot of those that no mask comes near.
+/// Pose and dot of those that no mask comes near: parts that are off may cut them.
 fn whole(camera: &Camera, dots_mm: &[[f64; 2]], poses: &[Pose]) -> Vec<(usize, usize)> {
     let all: Vec<(usize, usize)> =
         (0..poses.len()).flat_map(|pose| (0..dots_mm.len()).map(move |dot| (pose, dot))).collect();
     let is_whole = |&(pose, dot): &(usize, usize)| {
         let [x, y, z]: [f64; 3] = poses[pose].at(dots_mm[dot]).into();
-        camera.bands().iter().all(|band| x.hypot(y) > WHOLE * band.clip_radius_mm(z))
+        x.hypot(y) > CLIPPING_RADII * largest(camera, |band| band.clip_radius_mm(z))
     };
     let whole: Vec<(usize, usize)> = all.iter().copied().filter(is_whole).collect();
     if 2 * whole.len() > all.len() { whole } else { all }
@@ -83,14 +82,21 @@ fn whole(camera: &Camera, dots_mm: &[[f64; 2]], poses: &[Pose]) -> Vec<(usize, u
 fn ring(instrument: &Instrument, camera: &Camera, k: usize, z_mm: f64) -> impl Iterator<Item = [f64; 3]> + use<> {
     let golden_angle = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
     let reach_mm = seen_radius_mm(instrument, z_mm);
-    let blind_mm = camera.bands().iter().map(|band| band.blind_radius_mm(z_mm)).fold(0.0, f64::max);
-    let inner_mm = (BLIND_RADII * blind_mm).max(INNER * reach_mm);
-    let outer_mm = (OUTER * reach_mm).max(inner_mm);
+    let clear_mm = CLIPPING_RADII * largest(camera, |band| band.clip_radius_mm(z_mm));
+    let seeing_mm = BLIND_RADII * largest(camera, |band| band.blind_radius_mm(z_mm));
+    let outer_mm = OUTER * reach_mm;
+    let inner_mm = if clear_mm < outer_mm { clear_mm } else { seeing_mm.min(outer_mm) };
+    let inner_mm = inner_mm.max(INNER * reach_mm);
     (0..RADII * DIRECTIONS).map(move |n| {
         let r_mm = inner_mm + (outer_mm - inner_mm) * (n % RADII) as f64 / (RADII - 1) as f64;
         let (sin, cos) = (golden_angle * (n + k * RADII * DIRECTIONS) as f64).sin_cos();
         [r_mm * cos, r_mm * sin, z_mm]
     })
+}
+
+/// The largest radius of all bands, mm.
+fn largest(camera: &Camera, radius_mm: impl Fn(&BandOptics) -> f64) -> f64 {
+    camera.bands().iter().map(radius_mm).fold(0.0, f64::max)
 }
 
 /// A grid whose corners are so far from its middle.
