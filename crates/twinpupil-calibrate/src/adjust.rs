@@ -510,7 +510,7 @@ impl Problem<'_> {
 /// noise show it. Centres are off at random; radius and blur alike for all dots of a frame, by up to 2e-4 px and 6e-5 of the
 /// blur, which many dots make no better: theirs are larger by the square root of the dots that share them.
 const MODEL_STD_PX: [f64; 4] = [3e-4, 3e-4, 7e-4, 1.5e-3];
-const BLUR_SHARE: f64 = 1.2e-3;
+pub(crate) const BLUR_SHARE: f64 = 1.2e-3;
 
 /// The same where the masks cut the light, near the axis.
 const CUT_STD_PX: [f64; 4] = [1e-3, 1e-3, 2e-3, 5e-3];

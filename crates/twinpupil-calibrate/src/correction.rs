@@ -303,7 +303,7 @@ mod tests {
     fn what_all_parts_share_is_foreseen_in_that_held_out() {
         let truth = DVector::from_vec(vec![0.3, -0.2, 0.5]);
         let testimony = |part: usize| {
-            let seen = DMatrix::from_fn(4, 3, |i, k| ((3 * part + 5 * i + 7 * k) as f64).sin());
+            let seen = DMatrix::from_fn(4, 3, |i, k| ((3 * part + 5 * i + 7 * k) as f64).powi(2).sin());
             let information = 1e8 * seen.transpose() * seen;
             Testimony { score: &information * &truth, cost: truth.dot(&(&information * &truth)), information }
         };

@@ -6,6 +6,7 @@
 //!
 //! [`Calibrator`] goes all the way. The rows and columns of the target's dots give a first bundle adjustment; from there
 //! every pixel is compared with the forward model, masks and blur included, and the adjustment follows what they ask for.
+//! [`PositionCalibrator`] starts from how dots are imaged, for designs of which there are no frames.
 
 mod adjust;
 mod advice;
@@ -19,6 +20,7 @@ mod forward;
 mod lattice;
 mod now;
 mod pose;
+mod positions;
 mod result;
 mod seen;
 mod sighting;
@@ -30,6 +32,7 @@ pub use axis::{AxisError, AxisEstimate, AxisFinder};
 pub use calibrate::{CalibrateError, Calibrator, Fault, Foreign, FrameFault, Stage};
 pub use correction::{CorrectionChoice, CorrectionFinding, CorrectionTrial};
 pub use pose::Pose;
+pub use positions::{BLUR_STD, DotImage, ImageOf, PositionCalibration, PositionCalibrator, Shown};
 pub use result::{Calibration, FrameResult, HeldOut, LeftOpen, Number, OffStage, Residual};
 pub use sighting::SightingError;
 pub use stage::StagePosition;

@@ -25,6 +25,11 @@ impl Pose {
         self.rotation * Vector3::new(x_mm, y_mm, 0.0) + self.translation_mm
     }
 
+    /// Where the motion takes a point of space, mm.
+    pub fn moving(&self, point_mm: [f64; 3]) -> [f64; 3] {
+        (self.rotation * Vector3::from(point_mm) + self.translation_mm).into()
+    }
+
     /// Slopes dz/dx and dz/dy of the target.
     pub fn slopes(&self) -> [f64; 2] {
         let normal = self.rotation * Vector3::z();

@@ -318,6 +318,20 @@ impl Shape {
         587.6
     }
 
+    /// Radius of curvature at the vertex, or the focal length of an ideal lens, mm; `None` where there is neither.
+    pub fn radius_mm_mut(&mut self) -> Option<&mut f64> {
+        match self {
+            Self::Plane | Self::Break => None,
+            Self::EvenAsphere { radius_mm, .. } | Self::OddAsphere { radius_mm, .. } => radius_mm.as_mut(),
+            Self::Sphere { radius_mm }
+            | Self::Conic { radius_mm, .. }
+            | Self::Cylinder { radius_mm, .. }
+            | Self::Fresnel { radius_mm, .. }
+            | Self::Facets { focal_length_mm: radius_mm, .. }
+            | Self::ThinLens { focal_length_mm: radius_mm } => Some(radius_mm),
+        }
+    }
+
     fn scaled(&self, factor: f64) -> Self {
         let mut scaled = self.clone();
         // A coefficient of rⁱ, from i = `first` in steps of `step`, shrinks with the (i − 1)-th power.
@@ -326,28 +340,14 @@ impl Shape {
                 *coefficient /= factor.powi(power);
             }
         };
+        if let Some(radius_mm) = scaled.radius_mm_mut() {
+            *radius_mm *= factor;
+        }
         match &mut scaled {
-            Self::Plane | Self::Break => {}
-            Self::Sphere { radius_mm }
-            | Self::Conic { radius_mm, .. }
-            | Self::Cylinder { radius_mm, .. }
-            | Self::ThinLens { focal_length_mm: radius_mm } => *radius_mm *= factor,
-            Self::Facets { focal_length_mm, pitch_mm, .. } => {
-                *focal_length_mm *= factor;
-                *pitch_mm *= factor;
-            }
-            Self::EvenAsphere { radius_mm, coefficients, .. } => {
-                *radius_mm = radius_mm.map(|mm| mm * factor);
-                shrink(coefficients, 2, 2);
-            }
-            Self::Fresnel { radius_mm, coefficients, .. } => {
-                *radius_mm *= factor;
-                shrink(coefficients, 2, 2);
-            }
-            Self::OddAsphere { radius_mm, coefficients, .. } => {
-                *radius_mm = radius_mm.map(|mm| mm * factor);
-                shrink(coefficients, 1, 1);
-            }
+            Self::Facets { pitch_mm, .. } => *pitch_mm *= factor,
+            Self::EvenAsphere { coefficients, .. } | Self::Fresnel { coefficients, .. } => shrink(coefficients, 2, 2),
+            Self::OddAsphere { coefficients, .. } => shrink(coefficients, 1, 1),
+            _ => {}
         }
         scaled
     }

@@ -7,7 +7,7 @@ use twinpupil_instrument::{Band, GlassError, ImagePoint, Instrument, Lens, Proje
 use crate::fresnel::FresnelBand;
 use crate::masks::Masks;
 use crate::paraxial;
-use crate::prescribed::PrescribedBand;
+use crate::prescribed::{FEW_RAYS_PER_QUADRANT, PrescribedBand, RAYS_PER_QUADRANT};
 use crate::stop::Stop;
 use crate::thin::ThinBand;
 use crate::{ObjectRays, Pencil, PointImage, RayLedger, RayStarts};
@@ -185,7 +185,15 @@ impl BandOptics {
         match &self.model {
             Model::Thin(_) => self.masks.point_image(object_mm),
             Model::Fresnel(band) => band.point_image(object_mm),
-            Model::Prescribed(band) => band.point_image(object_mm),
+            Model::Prescribed(band) => band.point_image(object_mm, RAYS_PER_QUADRANT),
+        }
+    }
+
+    /// [`Self::point_image`] over 16 rays where it takes 128 otherwise: for many cameras, each of which is judged by itself.
+    pub fn quick_point_image(&self, object_mm: [f64; 3]) -> PointImage {
+        match &self.model {
+            Model::Prescribed(band) => band.point_image(object_mm, FEW_RAYS_PER_QUADRANT),
+            Model::Thin(_) | Model::Fresnel(_) => self.point_image(object_mm),
         }
     }
 

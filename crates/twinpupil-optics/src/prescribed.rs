@@ -32,7 +32,10 @@ use crate::{Fate, Mask, ObjectRays, OpticsError, Pencil, PointImage, Ray, RayFat
 const PROBES_PER_QUADRANT: usize = 4;
 
 /// Rays over which the image of a point is averaged, in each quadrant of the pupil: one block of them.
-const RAYS_PER_QUADRANT: usize = LANES / 4;
+pub(crate) const RAYS_PER_QUADRANT: usize = LANES / 4;
+
+/// The same where speed counts more than the last digits.
+pub(crate) const FEW_RAYS_PER_QUADRANT: usize = 4;
 
 /// How far from the object point a ray may pass that counts as its own, mm.
 const AIM_TOLERANCE_MM: f64 = 1e-7;
@@ -241,17 +244,17 @@ impl PrescribedBand {
     }
 
     /// What the masks do to the image of a point is what they do behind the ideal lens; where the light of the whole pupil
-    /// lies, how wide and how much it is, an average over one block of rays that meet the point, found by aiming them from the
-    /// sensor.
+    /// lies, how wide and how much it is, an average over so many rays in each quadrant that meet the point, found by aiming
+    /// them from the sensor.
     ///
     /// A bundle of unit density over sensor and pupil has the density 1/|∂x/∂p| over the object, which makes each
     /// ray's share its weight over that determinant; the ideal lens's determinant is the unit.
-    pub(crate) fn point_image(&self, object_mm: [f64; 3]) -> PointImage {
+    pub(crate) fn point_image(&self, object_mm: [f64; 3], rays_per_quadrant: usize) -> PointImage {
         let behind_ideal = self.masks.point_image(object_mm);
         let map = self.ideal.object_map(object_mm[2]);
         let (pupil, radius_mm) = (self.masks.pupil(), self.masks.pupil_radius_mm);
         let is_open = |point: &[f64; 2]| pupil.check([0, 1].map(|k| pupil.centre_mm[k] + radius_mm * point[k])).is_ok();
-        let starts: Vec<([f64; 2], [f64; 2])> = quadrants(RAYS_PER_QUADRANT)
+        let starts: Vec<([f64; 2], [f64; 2])> = quadrants(rays_per_quadrant)
             .filter(is_open)
             .map(|point| ([0, 1].map(|k| (object_mm[k] - map.component(k, point[k], 0.0)) / map.per_image), point))
             .collect();
@@ -265,7 +268,7 @@ impl PrescribedBand {
         let arrived = (0..starts.len()).filter(|n| shares[*n].0 > 0.0);
         let ImagePoint { x_mm, y_mm } = behind_ideal.centroid;
         PointImage {
-            throughput: behind_ideal.throughput * light / (4 * RAYS_PER_QUADRANT) as f64,
+            throughput: behind_ideal.throughput * light / (4 * rays_per_quadrant) as f64,
             centroid: ImagePoint { x_mm: x_mm + mean_mm[0], y_mm: y_mm + mean_mm[1] },
             spread: spread(object_mm, &arrived.map(|n| (starts[n].1, added_mm(n))).collect::<Vec<_>>()),
         }

@@ -13,6 +13,7 @@ mod background;
 mod calibrated;
 mod cells;
 mod centroid;
+mod chief;
 mod contrast;
 mod detect;
 mod fetch;
@@ -43,6 +44,7 @@ mod unmix;
 mod window;
 
 pub use background::Polarity;
+pub use chief::ChiefRays;
 pub use detect::{DetectOptions, Detection, Detector, Estimator, Feature, detect};
 pub use fit::{Estimate, FitError, FitPoint, LineAxis, LineFit, PlaneFit, Quality, fit_line, fit_plane};
 pub use flat::{CrosstalkEstimate, FlatError, estimate_crosstalk};

@@ -86,6 +86,7 @@ pub struct Chart {
     y_range: Option<[f64; 2]>,
     size: [f64; 2],
     equal_scales: bool,
+    log_x: bool,
     log_y: bool,
 }
 
@@ -101,6 +102,7 @@ impl Chart {
             y_range: None,
             size: SIZE,
             equal_scales: false,
+            log_x: false,
             log_y: false,
         }
     }
@@ -170,6 +172,12 @@ impl Chart {
         self
     }
 
+    /// Makes the horizontal axis logarithmic: abscissae must be above zero.
+    pub fn log_x(mut self) -> Self {
+        self.log_x = true;
+        self
+    }
+
     /// Makes the vertical axis logarithmic: ordinates must be above zero.
     pub fn log_y(mut self) -> Self {
         self.log_y = true;
@@ -209,6 +217,9 @@ impl Chart {
         }
         if let Some([min, max]) = self.y_range {
             layout = layout.with_y_axis_min(min).with_y_axis_max(max);
+        }
+        if self.log_x {
+            layout = layout.with_log_x();
         }
         if self.log_y {
             layout = layout.with_log_y();

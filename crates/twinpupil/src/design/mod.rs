@@ -3,6 +3,7 @@
 mod check;
 mod masks;
 mod sweep;
+pub mod tolerance;
 
 pub use check::{Check, check};
 pub use masks::{Design, Wishes, design};

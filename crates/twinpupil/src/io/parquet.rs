@@ -8,6 +8,7 @@ use bytes::Bytes;
 use parquet::basic::{LogicalType, Repetition, Type as Physical};
 use parquet::data_type::{BoolType, ByteArray, ByteArrayType, DoubleType, Int64Type};
 use parquet::errors::ParquetError;
+use parquet::file::metadata::KeyValue;
 use parquet::file::properties::WriterProperties;
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::file::writer::{SerializedColumnWriter, SerializedFileWriter};
@@ -22,12 +23,19 @@ pub(super) const MAGIC: &[u8] = b"PAR1";
 /// Encodes a table as one row group: whole numbers as INT64, numbers as DOUBLE, flags as BOOLEAN and words as UTF-8
 /// strings. Only numbers may be null.
 pub(super) fn encode(table: &Table) -> Result<Vec<u8>> {
-    written(table).context("cannot be encoded as Parquet")
+    encode_with_notes(table, &[])
 }
 
-fn written(table: &Table) -> Result<Vec<u8>, ParquetError> {
+/// The same, with notes beside the table: a key and a text each.
+pub(super) fn encode_with_notes(table: &Table, notes: &[(&str, String)]) -> Result<Vec<u8>> {
+    written(table, notes).context("cannot be encoded as Parquet")
+}
+
+fn written(table: &Table, notes: &[(&str, String)]) -> Result<Vec<u8>, ParquetError> {
     let created_by = format!("twinpupil version {}", env!("CARGO_PKG_VERSION"));
-    let properties = WriterProperties::builder().set_created_by(created_by).build();
+    let notes: Vec<KeyValue> = notes.iter().map(|(key, text)| KeyValue::new((*key).to_owned(), text.clone())).collect();
+    let notes = Some(notes).filter(|notes| !notes.is_empty());
+    let properties = WriterProperties::builder().set_created_by(created_by).set_key_value_metadata(notes).build();
     let mut file = SerializedFileWriter::new(Vec::new(), schema(table)?, Arc::new(properties))?;
     let mut rows = file.next_row_group()?;
     for column in table.columns() {
@@ -52,7 +60,7 @@ fn field(column: &Column) -> Result<Type, ParquetError> {
         Cells::Flag(_) => (Physical::BOOLEAN, None, Repetition::REQUIRED),
         Cells::Label(_) => (Physical::BYTE_ARRAY, Some(LogicalType::String), Repetition::REQUIRED),
     };
-    let builder = Type::primitive_type_builder(column.name, physical);
+    let builder = Type::primitive_type_builder(&column.name, physical);
     builder.with_logical_type(logical).with_repetition(repetition).build()
 }
 
@@ -77,6 +85,16 @@ fn write(writer: &mut SerializedColumnWriter<'_>, cells: &Cells) -> Result<(), P
 /// Names of the columns, and every row as a text file would have it.
 pub(super) fn decode(bytes: Vec<u8>) -> Result<(Vec<String>, Vec<Vec<String>>)> {
     guarded(|| read(bytes)).context("the Parquet file cannot be read")
+}
+
+/// The text of the note under a key, if the file has one.
+pub(super) fn note(bytes: Vec<u8>, key: &str) -> Result<Option<String>> {
+    let read = || {
+        let reader = SerializedFileReader::new(Bytes::from(bytes))?;
+        let notes = reader.metadata().file_metadata().key_value_metadata();
+        Ok(notes.into_iter().flatten().find(|note| note.key == key).and_then(|note| note.value.clone()))
+    };
+    guarded(read).context("the Parquet file cannot be read")
 }
 
 /// Makes a panic of the crate an error: damaged metadata can have it find a length below zero.
@@ -132,6 +150,14 @@ mod tests {
         assert_eq!(header, ["id", "z_mm", "xz_cov_mm2", "overlapped", "frame"]);
         assert_eq!(rows[0], ["9223372036854775807", "0.30000000000000004", "", "1", "a.png"]);
         assert_eq!(rows[1], ["-2", "", "-0.000000000001", "0", "ä.png"]);
+    }
+
+    #[test]
+    fn notes_are_read_back_by_their_key() {
+        let bytes = encode_with_notes(&table(), &[("a", "x\n{y}".to_owned()), ("b", String::new())]).unwrap();
+        let read = |key: &str| note(bytes.clone(), key).unwrap();
+        assert_eq!((read("a").as_deref(), read("b").as_deref(), read("c")), (Some("x\n{y}"), Some(""), None));
+        assert_eq!(decode(bytes).unwrap(), decode(encode(&table()).unwrap()).unwrap());
     }
 
     #[test]

@@ -13,7 +13,7 @@ pub(super) const MAGIC: &[u8] = b"ply";
 /// in which CloudCompare keeps it and which Open3D, trimesh and PCL read as well. Labels are numbered, and a comment
 /// tells what each number stands for.
 pub(super) fn encode(table: &Table) -> Vec<u8> {
-    let columns: Vec<(String, Vec<f64>)> = table.columns().iter().map(|c| (property(c.name), numbers(c))).collect();
+    let columns: Vec<(String, Vec<f64>)> = table.columns().iter().map(|c| (property(&c.name), numbers(c))).collect();
     let mut bytes = header(table, &columns).into_bytes();
     for row in 0..table.rows() {
         for (_, values) in &columns {
@@ -28,7 +28,7 @@ fn header(table: &Table, columns: &[(String, Vec<f64>)]) -> String {
     for column in table.columns() {
         for (number, label) in labels(column).iter().enumerate() {
             let line = label.split_whitespace().collect::<Vec<_>>().join(" ");
-            header += &format!("comment {} {number} = {line}\n", property(column.name));
+            header += &format!("comment {} {number} = {line}\n", property(&column.name));
         }
     }
     header += &format!("element vertex {}\n", table.rows());

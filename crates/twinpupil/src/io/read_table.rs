@@ -23,7 +23,7 @@ impl ReadTable {
         Self::of_bytes(input::read_bytes(path)?).with_context(|| path.display().to_string())
     }
 
-    fn of_bytes(bytes: Vec<u8>) -> Result<Self> {
+    pub(super) fn of_bytes(bytes: Vec<u8>) -> Result<Self> {
         if bytes.starts_with(parquet::MAGIC) {
             return parquet::decode(bytes).and_then(|(header, rows)| Self::of_rows(header, rows));
         }

@@ -1,5 +1,6 @@
 //! Named columns, written as CSV, PLY or Parquet.
 
+use std::borrow::Cow;
 use std::path::Path;
 
 use anyhow::{Result, bail};
@@ -26,7 +27,7 @@ pub enum Cells {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Column {
     /// Its name, with the unit.
-    pub name: &'static str,
+    pub name: Cow<'static, str>,
     /// Its values.
     pub cells: Cells,
 }
@@ -72,7 +73,8 @@ impl Table {
     }
 
     /// Adds a column on the right, of as many rows as the others have.
-    pub fn with(mut self, name: &'static str, cells: Cells) -> Self {
+    pub fn with(mut self, name: impl Into<Cow<'static, str>>, cells: Cells) -> Self {
+        let name = name.into();
         debug_assert!(self.columns.is_empty() || self.rows() == cells.len(), "column {name} has another length");
         self.columns.push(Column { name, cells });
         self
@@ -92,7 +94,7 @@ impl Table {
     pub fn to_csv(&self) -> Vec<u8> {
         let mut writer = WriterBuilder::new().from_writer(Vec::new());
         let into_memory = "writing into memory does not fail";
-        writer.write_record(self.columns.iter().map(|column| column.name)).expect(into_memory);
+        writer.write_record(self.columns.iter().map(|column| column.name.as_bytes())).expect(into_memory);
         for row in 0..self.rows() {
             writer.write_record(self.columns.iter().map(|column| column.cells.text(row))).expect(into_memory);
         }

@@ -8,3 +8,4 @@ mod experiments;
 mod golden;
 mod program;
 mod real_lens;
+mod tolerance;

@@ -2,6 +2,7 @@
 
 mod page;
 mod text;
+mod tolerance;
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -20,7 +21,24 @@ use crate::load::LoadedInstrument;
 
 /// `twinpupil design …`.
 #[derive(Debug, clap::Args)]
+#[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 pub struct Args {
+    #[command(subcommand)]
+    command: Option<Command>,
+    #[command(flatten)]
+    camera: Option<CameraArgs>,
+}
+
+/// `twinpupil design tolerance …`.
+#[derive(Debug, clap::Subcommand)]
+enum Command {
+    /// Build many cameras of one design, each off by what its parts may be off by, and tell how well they measure depth
+    Tolerance(tolerance::Args),
+}
+
+/// `twinpupil design LENS …`.
+#[derive(Debug, clap::Args)]
+struct CameraArgs {
     /// Lens: a `.zmx` file, or a prescription in TOML
     lens: PathBuf,
     /// AGF catalogue with glasses of the lens; may be given several times
@@ -85,6 +103,15 @@ struct Designed {
 
 /// Runs `twinpupil design`.
 pub fn run(args: &Args, console: &Console) -> Result<()> {
+    match args {
+        Args { command: Some(Command::Tolerance(args)), .. } => tolerance::run(args, console),
+        Args { camera: Some(args), .. } => run_camera(args, console),
+        // The command line asks for one of them.
+        Args { .. } => bail!("no lens is given"),
+    }
+}
+
+fn run_camera(args: &CameraArgs, console: &Console) -> Result<()> {
     let start = Instant::now();
     let mut files = FolderOutputs::new(&args.output)?;
     let designed = designed(args, console)?;
@@ -99,7 +126,7 @@ pub fn run(args: &Args, console: &Console) -> Result<()> {
     output::write_stdout(text.as_bytes())
 }
 
-fn designed(args: &Args, console: &Console) -> Result<Designed> {
+fn designed(args: &CameraArgs, console: &Console) -> Result<Designed> {
     let design = design(wishes(args)?)?;
     let light = Light { diameter_mm: args.diameter_mm, brightness_e: args.brightness_e };
     let radii_mm = match args.radii_mm.as_deref() {
@@ -120,11 +147,11 @@ fn designed(args: &Args, console: &Console) -> Result<Designed> {
 }
 
 /// The camera is called after its lens.
-fn name(args: &Args) -> String {
+fn name(args: &CameraArgs) -> String {
     args.lens.file_stem().map_or("camera".to_owned(), |stem| stem.to_string_lossy().into_owned())
 }
 
-fn wishes(args: &Args) -> Result<Wishes> {
+fn wishes(args: &CameraArgs) -> Result<Wishes> {
     let lens = PrescriptionLens {
         focal_length_mm: args.focal_length_mm,
         prescription: Some(read_with_glasses(&args.lens, &args.agf)?),
