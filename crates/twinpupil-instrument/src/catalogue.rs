@@ -132,7 +132,7 @@ fn formula_of(number: f64) -> Option<Formula> {
         Formula::Extended2,
         Formula::Extended3,
     ];
-    let place = (1.0..14.0).contains(&number).then_some(number as usize - 1)?;
+    let place = (1.0..14.0).contains(&number).then(|| number as usize - 1)?;
     formulas.get(place).copied()
 }
 

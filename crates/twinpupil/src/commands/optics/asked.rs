@@ -12,6 +12,7 @@ use super::used::{LensArgs, Used};
 use crate::io::input;
 use crate::io::table::{Cells, Table};
 use crate::load::LoadedInstrument;
+use crate::plot;
 
 /// A lens or a camera, and where objects are.
 #[derive(Debug, Args)]
@@ -167,6 +168,21 @@ impl Asked {
     pub(super) fn field_name(&self, field: usize) -> String {
         let place = self.fields[field].place;
         if self.is_camera() { format!("r = {place:.3} mm") } else { format!("{place:.3}°") }
+    }
+
+    /// What each colour is drawn in: blue for the shortest wavelength, red for the longest.
+    pub(super) fn inks(&self) -> Vec<plot::Colour> {
+        const BETWEEN: [plot::Colour; 3] = [plot::Colour::Green, plot::Colour::Orange, plot::Colour::Purple];
+        let last = self.colours.len().saturating_sub(1);
+        let ink = |own: &Colour| {
+            let shorter = self.colours.iter().filter(|other| other.wavelength_nm < own.wavelength_nm).count();
+            match shorter {
+                0 => plot::Colour::Blue,
+                _ if shorter == last => plot::Colour::Vermilion,
+                _ => BETWEEN[(shorter - 1) % BETWEEN.len()],
+            }
+        };
+        self.colours.iter().map(ink).collect()
     }
 
     /// What colours are called.

@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::answer::{Answer, Form};
 use super::asked::{About, Asked, AskedArgs, View};
 use crate::io::table::{Cells, Table};
-use crate::plot::{Chart, Colour, Stroke};
+use crate::plot::{Chart, Stroke};
 use crate::plot_sheet::sheet;
 use crate::text_table::render;
 
@@ -116,7 +116,7 @@ impl Rows<'_> {
     fn drawing(&self) -> String {
         let mut distortion = Chart::new(self.asked.field_is(), "distortion, %");
         let mut foci = Chart::new(self.asked.field_is(), "focus behind the image, mm");
-        for (k, colour) in (0..self.asked.colours.len()).zip(Colour::SERIES.into_iter().cycle()) {
+        for (k, colour) in (0..self.asked.colours.len()).zip(self.asked.inks()) {
             let rows = || self.asked.views().into_iter().zip(&self.rows).filter(move |(view, _)| view.colour == k);
             let line = |of: fn(&Row) -> Option<f64>| -> Vec<[f64; 2]> {
                 rows().filter_map(|(view, row)| Some([self.asked.fields[view.field].place, of(row)?])).collect()

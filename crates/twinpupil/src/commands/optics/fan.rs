@@ -8,7 +8,7 @@ use twinpupil_optics::{Deviation, Sight};
 use super::answer::{Answer, Form};
 use super::asked::{About, Asked, AskedArgs, View};
 use crate::io::table::{Cells, Table};
-use crate::plot::{Chart, Colour, Stroke};
+use crate::plot::{Chart, Stroke};
 use crate::plot_sheet::sheet;
 use crate::text_table::render;
 
@@ -142,7 +142,7 @@ fn drawing(asked: &Asked) -> String {
     let row = |field: usize| {
         let mut errors = Chart::new("place in the pupil", "from the chief ray, µm").x_range(-1.0, 1.0);
         let mut paths = Chart::new("place in the pupil", "path difference, wavelengths").x_range(-1.0, 1.0);
-        for (view, colour) in asked.views_at(field).zip(Colour::SERIES.into_iter().cycle()) {
+        for (view, colour) in asked.views_at(field).zip(asked.inks()) {
             let rows = rows(&view, DRAWN);
             let line = |of: fn(&Row) -> Option<f64>, scale: f64| -> Vec<[f64; 2]> {
                 rows.iter().filter_map(|row| Some([row.pupil, scale * of(row)?])).collect()

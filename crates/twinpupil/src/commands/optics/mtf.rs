@@ -9,7 +9,7 @@ use twinpupil_optics::Contrast;
 use super::answer::{Answer, Form};
 use super::asked::{About, Asked, AskedArgs, Pupil, View};
 use crate::io::table::{Cells, Table};
-use crate::plot::{Chart, Colour, Stroke};
+use crate::plot::{Chart, Stroke};
 use crate::plot_sheet::sheet;
 use crate::round::round_below;
 use crate::text_table::render;
@@ -144,7 +144,7 @@ fn drawing(asked: &Asked, seen: &[Seen<'_>], finest_per_mm: f64) -> String {
     let row = |field: usize| {
         let (mut waves, mut rays) = (chart("by diffraction"), chart("by rays"));
         let here = seen.iter().filter(|seen| seen.view.field == field);
-        for (seen, colour) in here.zip(Colour::SERIES.into_iter().cycle()) {
+        for (seen, colour) in here.zip(asked.inks()) {
             let rows = seen.rows(finest_per_mm, DRAWN);
             let line = |of: fn(&Row) -> Option<f64>| -> Vec<[f64; 2]> {
                 rows.iter().filter_map(|row| Some([row.per_mm, of(row)?])).collect()

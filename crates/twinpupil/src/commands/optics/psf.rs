@@ -13,7 +13,7 @@ use super::asked::{About, Asked, AskedArgs, Pupil, View};
 use crate::io::encode_rgb8;
 use crate::io::output::Outputs;
 use crate::io::table::{Cells, Table};
-use crate::plot::{Chart, Colour, Stroke};
+use crate::plot::{Chart, Stroke};
 use crate::plot_sheet::sheet;
 use crate::text_table::render;
 
@@ -190,7 +190,7 @@ impl Images<'_> {
             let mut sections = Chart::new("from the chief ray, µm", "light, without aberrations 1");
             let mut encircled = Chart::new("radius about the centroid, µm", "share of the light").y_range(0.0, 1.0);
             let here = self.seen.iter().filter(|seen| seen.view.field == field);
-            for (seen, colour) in here.zip(Colour::SERIES.into_iter().cycle()) {
+            for (seen, colour) in here.zip(self.asked.inks()) {
                 let name = &seen.view.colour().name;
                 let shares: Vec<[f64; 2]> = offsets_mm.par_iter().map(|mm| seen.encircled(*mm)).collect();
                 let [waves, rays] = [0, 1].map(|k| drawn(&shares.iter().map(|share| share[k]).collect::<Vec<_>>()));
