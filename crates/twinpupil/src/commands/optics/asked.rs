@@ -53,6 +53,7 @@ pub(super) struct FieldAsked {
 }
 
 /// One colour at one point of the field.
+#[derive(Clone, Copy)]
 pub(super) struct View<'a> {
     pub(super) asked: &'a Asked,
     pub(super) colour: usize,
@@ -246,6 +247,12 @@ impl<'a> View<'a> {
     /// How far from the axis an ideal lens would image the point, mm.
     pub(super) fn ideal_mm(&self) -> f64 {
         self.point().1
+    }
+
+    /// How far beyond that a chief ray meets the image, in parts of it; none on the axis.
+    pub(super) fn distortion(&self, chief_mm: Option<f64>) -> Option<f64> {
+        let ideal_mm = self.ideal_mm();
+        chief_mm.filter(|_| ideal_mm != 0.0).map(|mm| mm / ideal_mm - 1.0)
     }
 
     pub(super) fn colour(&self) -> &'a Colour {

@@ -5,8 +5,9 @@ use clap::Args as ClapArgs;
 use serde::Serialize;
 
 use super::answer::{Answer, Form};
-use super::asked::{About, Asked, AskedArgs, View};
-use crate::io::table::{Cells, Table};
+use super::asked::{Asked, AskedArgs, View};
+use super::rows::{Rows, cell};
+use crate::io::table::Table;
 use crate::plot::{Chart, Stroke};
 use crate::plot_sheet::sheet;
 use crate::text_table::render;
@@ -28,8 +29,6 @@ pub struct Args {
 /// One colour at one point of the field.
 #[derive(Debug, Serialize)]
 struct Row {
-    #[serde(flatten)]
-    about: About,
     /// Where an ideal lens images the point, mm: f·tan θ for an infinite object, of a lens at its first wavelength.
     ideal_mm: f64,
     /// Where the chief ray meets the image, mm.
@@ -41,42 +40,30 @@ struct Row {
     sagittal_focus_mm: Option<f64>,
 }
 
-struct Rows<'a> {
-    asked: &'a Asked,
-    rows: Vec<Row>,
-}
-
-impl Serialize for Rows<'_> {
-    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        self.rows.serialize(serializer)
-    }
-}
-
 /// Runs `twinpupil optics distortion`.
 pub(super) fn run(args: &Args) -> Result<()> {
     let parts: Vec<f64> = (0..args.points).map(|k| f64::from(k) / f64::from(args.points - 1)).collect();
     let asked = Asked::load(&args.asked, &parts)?;
-    let rows = Rows { asked: &asked, rows: asked.views().iter().map(Row::of).collect() };
-    args.form.give(&rows, || rows.drawing())
+    let rows = Rows::new(&asked, asked.views().iter().map(|view| vec![Row::of(view)]));
+    args.form.give(&rows, || drawing(&rows))
 }
 
 impl Row {
     fn of(view: &View<'_>) -> Self {
-        let (sight, ideal_mm) = (view.sight(), view.ideal_mm());
+        let sight = view.sight();
         let foci = sight.as_ref().and_then(|sight| sight.foci());
         let chief_mm = sight.map(|sight| sight.chief_mm()[1]);
         Self {
-            about: view.about(),
-            ideal_mm,
+            ideal_mm: view.ideal_mm(),
             chief_mm,
-            distortion: chief_mm.filter(|_| ideal_mm != 0.0).map(|mm| mm / ideal_mm - 1.0),
+            distortion: view.distortion(chief_mm),
             tangential_focus_mm: foci.map(|foci| foci.tangential_mm),
             sagittal_focus_mm: foci.map(|foci| foci.sagittal_mm),
         }
     }
 }
 
-impl Answer for Rows<'_> {
+impl Answer for Rows<'_, Row> {
     fn text(&self) -> String {
         let header = [
             "field",
@@ -87,23 +74,19 @@ impl Answer for Rows<'_> {
             "tang. focus, mm",
             "sag. focus, mm",
         ];
-        let number = |value: Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:.5}"));
+        let number = |value: Option<f64>| cell(value, 1.0, 5);
         let row = |(view, row): (View<'_>, &Row)| {
             let [field, colour] = view.head();
             let part = row.distortion.map_or("-".to_owned(), |part| format!("{:.4} %", 100.0 * part));
             let [ideal, chief] = [Some(row.ideal_mm), row.chief_mm].map(number);
             [field, colour, ideal, chief, part, number(row.tangential_focus_mm), number(row.sagittal_focus_mm)]
         };
-        render(header, &self.asked.views().into_iter().zip(&self.rows).map(row).collect::<Vec<_>>())
+        render(header, &self.iter().map(row).collect::<Vec<_>>())
     }
 
     fn table(&self) -> Table {
-        let abouts: Vec<&About> = self.rows.iter().map(|row| &row.about).collect();
-        let column = |of: fn(&Row) -> Option<f64>| {
-            Cells::Real(self.rows.iter().map(|row| of(row).unwrap_or(f64::NAN)).collect(), 9)
-        };
-        self.asked
-            .table(&abouts)
+        let column = |of: fn(&Row) -> Option<f64>| self.column(of, 9);
+        self.about_columns()
             .with("ideal_mm", column(|row| Some(row.ideal_mm)))
             .with("chief_mm", column(|row| row.chief_mm))
             .with("distortion", column(|row| row.distortion))
@@ -112,21 +95,20 @@ impl Answer for Rows<'_> {
     }
 }
 
-impl Rows<'_> {
-    fn drawing(&self) -> String {
-        let mut distortion = Chart::new(self.asked.field_is(), "distortion, %");
-        let mut foci = Chart::new(self.asked.field_is(), "focus behind the image, mm");
-        for (k, colour) in (0..self.asked.colours.len()).zip(self.asked.inks()) {
-            let rows = || self.asked.views().into_iter().zip(&self.rows).filter(move |(view, _)| view.colour == k);
-            let line = |of: fn(&Row) -> Option<f64>| -> Vec<[f64; 2]> {
-                rows().filter_map(|(view, row)| Some([self.asked.fields[view.field].place, of(row)?])).collect()
-            };
-            let name = &self.asked.colours[k].name;
-            distortion = distortion.line(name, colour, Stroke::Solid, &line(|row| Some(100.0 * row.distortion?)));
-            foci = foci
-                .line(&format!("{name}, tangential"), colour, Stroke::Solid, &line(|row| row.tangential_focus_mm))
-                .line(&format!("{name}, sagittal"), colour, Stroke::Dashed, &line(|row| row.sagittal_focus_mm));
-        }
-        sheet(&[("Distortion and field curvature".to_owned(), vec![distortion.into_svg(), foci.into_svg()])])
+fn drawing(rows: &Rows<'_, Row>) -> String {
+    let asked = rows.asked;
+    let mut distortion = Chart::new(asked.field_is(), "distortion, %");
+    let mut foci = Chart::new(asked.field_is(), "focus behind the image, mm");
+    for (k, colour) in (0..asked.colours.len()).zip(asked.inks()) {
+        let own = || rows.iter().filter(move |(view, _)| view.colour == k);
+        let line = |of: fn(&Row) -> Option<f64>| -> Vec<[f64; 2]> {
+            own().filter_map(|(view, row)| Some([asked.fields[view.field].place, of(row)?])).collect()
+        };
+        let name = &asked.colours[k].name;
+        distortion = distortion.line(name, colour, Stroke::Solid, &line(|row| Some(100.0 * row.distortion?)));
+        foci = foci
+            .line(&format!("{name}, tangential"), colour, Stroke::Solid, &line(|row| row.tangential_focus_mm))
+            .line(&format!("{name}, sagittal"), colour, Stroke::Dashed, &line(|row| row.sagittal_focus_mm));
     }
+    sheet(&[("Distortion and field curvature".to_owned(), vec![distortion.into_svg(), foci.into_svg()])])
 }

@@ -6,8 +6,9 @@ use serde::Serialize;
 use twinpupil_optics::{Deviation, Sight};
 
 use super::answer::{Answer, Form};
-use super::asked::{About, Asked, AskedArgs, View};
-use crate::io::table::{Cells, Table};
+use super::asked::{Asked, AskedArgs, View};
+use super::rows::{Rows, cell};
+use crate::io::table::Table;
 use crate::plot::{Chart, Stroke};
 use crate::plot_sheet::sheet;
 use crate::text_table::render;
@@ -35,8 +36,6 @@ const WITHIN_RIM: f64 = 1.0 - 1e-9;
 /// The rays of one place in both lines.
 #[derive(Debug, Serialize)]
 struct Row {
-    #[serde(flatten)]
-    about: About,
     /// In radii of the pupil: along y, in which the field lies, or along x.
     pupil: f64,
     /// Along y: how far a ray meets the image from the chief ray, of a lens that of the first wavelength, mm.
@@ -49,22 +48,11 @@ struct Row {
     sagittal_opd_waves: Option<f64>,
 }
 
-struct Fans<'a> {
-    asked: &'a Asked,
-    rows: Vec<Row>,
-}
-
-impl Serialize for Fans<'_> {
-    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        self.rows.serialize(serializer)
-    }
-}
-
 /// Runs `twinpupil optics fan`.
 pub(super) fn run(args: &Args) -> Result<()> {
     let asked = Asked::at_some_points(&args.asked)?;
-    let rows = asked.views().iter().flat_map(|view| rows(view, args.places)).collect();
-    args.form.give(&Fans { asked: &asked, rows }, || drawing(&asked))
+    let rows = Rows::new(&asked, asked.views().iter().map(|view| rows(view, args.places)));
+    args.form.give(&rows, || drawing(&asked))
 }
 
 fn rows(view: &View<'_>, count: u16) -> Vec<Row> {
@@ -82,7 +70,6 @@ fn rows(view: &View<'_>, count: u16) -> Vec<Row> {
     };
     let error = |ray: &Option<Deviation>, axis: usize| Some(ray.as_ref()?.error_mm[axis] + aside_mm[axis]);
     let row = |(pupil, (tangential, sagittal)): (&f64, (&Option<Deviation>, &Option<Deviation>))| Row {
-        about: view.about(),
         pupil: *pupil,
         tangential_mm: error(tangential, 1),
         sagittal_mm: error(sagittal, 0),
@@ -102,33 +89,23 @@ fn from_first_mm(view: &View<'_>, sight: &Sight<'_>) -> [f64; 2] {
     first.map_or([0.0; 2], |first| [0, 1].map(|k| sight.chief_mm()[k] - first.chief_mm()[k]))
 }
 
-impl Answer for Fans<'_> {
+impl Answer for Rows<'_, Row> {
     fn text(&self) -> String {
         let header =
             ["field", self.asked.colours_are(), "pupil", "tang., µm", "sag., µm", "tang. OPD, λ", "sag. OPD, λ"];
-        let number =
-            |value: Option<f64>, scale: f64| value.map_or("-".to_owned(), |value| format!("{:.4}", scale * value));
-        let names = self.asked.views().into_iter().map(|view| view.head());
-        let per_view = self.rows.len() / self.asked.views().len().max(1);
-        let heads = names.flat_map(|head| std::iter::repeat_n(head, per_view));
-        let rows: Vec<[String; 7]> = (heads.zip(&self.rows))
-            .map(|([field, colour], row)| {
-                let [tangential, sagittal] = [row.tangential_mm, row.sagittal_mm].map(|mm| number(mm, 1000.0));
-                let opd = [row.tangential_opd_waves, row.sagittal_opd_waves].map(|waves| number(waves, 1.0));
-                let [tangential_opd, sagittal_opd] = opd;
-                [field, colour, format!("{:.2}", row.pupil), tangential, sagittal, tangential_opd, sagittal_opd]
-            })
-            .collect();
-        render(header, &rows)
+        let row = |(view, row): (View<'_>, &Row)| {
+            let [field, colour] = view.head();
+            let [tangential, sagittal] = [row.tangential_mm, row.sagittal_mm].map(|mm| cell(mm, 1000.0, 4));
+            let opd = [row.tangential_opd_waves, row.sagittal_opd_waves].map(|waves| cell(waves, 1.0, 4));
+            let [tangential_opd, sagittal_opd] = opd;
+            [field, colour, format!("{:.2}", row.pupil), tangential, sagittal, tangential_opd, sagittal_opd]
+        };
+        render(header, &self.iter().map(row).collect::<Vec<_>>())
     }
 
     fn table(&self) -> Table {
-        let abouts: Vec<&About> = self.rows.iter().map(|row| &row.about).collect();
-        let column = |of: fn(&Row) -> Option<f64>| {
-            Cells::Real(self.rows.iter().map(|row| of(row).unwrap_or(f64::NAN)).collect(), 9)
-        };
-        self.asked
-            .table(&abouts)
+        let column = |of: fn(&Row) -> Option<f64>| self.column(of, 9);
+        self.about_columns()
             .with("pupil", column(|row| Some(row.pupil)))
             .with("tangential_mm", column(|row| row.tangential_mm))
             .with("sagittal_mm", column(|row| row.sagittal_mm))

@@ -7,6 +7,7 @@ mod fan;
 mod layout;
 mod mtf;
 mod psf;
+mod rows;
 mod show;
 mod spot;
 mod used;

@@ -7,8 +7,9 @@ use serde::Serialize;
 use twinpupil_optics::Contrast;
 
 use super::answer::{Answer, Form};
-use super::asked::{About, Asked, AskedArgs, Pupil, View};
-use crate::io::table::{Cells, Table};
+use super::asked::{Asked, AskedArgs, Pupil, View};
+use super::rows::{Rows, cell};
+use crate::io::table::Table;
 use crate::plot::{Chart, Stroke};
 use crate::plot_sheet::sheet;
 use crate::round::round_below;
@@ -37,8 +38,6 @@ const DRAWN: u16 = 101;
 /// Contrast of one grating, by diffraction where the wavefront is not too steep for that, and by rays.
 #[derive(Debug, Serialize)]
 struct Row {
-    #[serde(flatten)]
-    about: About,
     per_mm: f64,
     tangential: Option<f64>,
     sagittal: Option<f64>,
@@ -52,17 +51,6 @@ struct Seen<'a> {
     pupil: Option<Pupil>,
 }
 
-struct Gratings<'a> {
-    asked: &'a Asked,
-    rows: Vec<Row>,
-}
-
-impl Serialize for Gratings<'_> {
-    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        self.rows.serialize(serializer)
-    }
-}
-
 /// Runs `twinpupil optics mtf`.
 pub(super) fn run(args: &Args) -> Result<()> {
     let asked = Asked::at_some_points(&args.asked)?;
@@ -72,8 +60,8 @@ pub(super) fn run(args: &Args) -> Result<()> {
         Some(per_mm) => bail!("--to-per-mm is {per_mm}; legal: above 0, to 1e6"),
         None => half_of_all(&seen),
     };
-    let rows = seen.par_iter().flat_map_iter(|seen| seen.rows(finest_per_mm, args.gratings)).collect();
-    args.form.give(&Gratings { asked: &asked, rows }, || drawing(&asked, &seen, finest_per_mm))
+    let of_views: Vec<Vec<Row>> = seen.par_iter().map(|seen| seen.rows(finest_per_mm, args.gratings)).collect();
+    args.form.give(&Rows::new(&asked, of_views), || drawing(&asked, &seen, finest_per_mm))
 }
 
 /// Half of the finest grating that any view lets through, rounded.
@@ -96,7 +84,6 @@ impl<'a> Seen<'a> {
         let rays = pupil.map(|pupil| pupil.function.contrasts_by_rays(&per_mm));
         let at = |contrasts: &Option<Vec<Contrast>>, k: usize| contrasts.as_ref().map(|contrasts| contrasts[k]);
         let row = |k: usize| Row {
-            about: self.view.about(),
             per_mm: per_mm[k],
             tangential: at(&waves, k).map(|contrast| contrast.tangential),
             sagittal: at(&waves, k).map(|contrast| contrast.sagittal),
@@ -107,29 +94,24 @@ impl<'a> Seen<'a> {
     }
 }
 
-impl Answer for Gratings<'_> {
+impl Answer for Rows<'_, Row> {
     fn text(&self) -> String {
         let header =
             ["field", self.asked.colours_are(), "cycles/mm", "tangential", "sagittal", "tang. by rays", "sag. by rays"];
-        let number = |value: Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:.4}"));
-        let per_view = self.rows.len() / self.asked.views().len().max(1);
-        let heads = self.asked.views().into_iter().flat_map(|view| std::iter::repeat_n(view.head(), per_view));
-        let row = |([field, colour], row): ([String; 2], &Row)| {
+        let number = |value: Option<f64>| cell(value, 1.0, 4);
+        let row = |(view, row): (View<'_>, &Row)| {
+            let [field, colour] = view.head();
             let waves = [row.tangential, row.sagittal].map(number);
             let rays = [row.tangential_by_rays, row.sagittal_by_rays].map(number);
             let ([tangential, sagittal], [tangential_by_rays, sagittal_by_rays]) = (waves, rays);
             [field, colour, format!("{:.4}", row.per_mm), tangential, sagittal, tangential_by_rays, sagittal_by_rays]
         };
-        render(header, &heads.zip(&self.rows).map(row).collect::<Vec<_>>())
+        render(header, &self.iter().map(row).collect::<Vec<_>>())
     }
 
     fn table(&self) -> Table {
-        let abouts: Vec<&About> = self.rows.iter().map(|row| &row.about).collect();
-        let column = |of: fn(&Row) -> Option<f64>| {
-            Cells::Real(self.rows.iter().map(|row| of(row).unwrap_or(f64::NAN)).collect(), 6)
-        };
-        self.asked
-            .table(&abouts)
+        let column = |of: fn(&Row) -> Option<f64>| self.column(of, 6);
+        self.about_columns()
             .with("cycles_per_mm", column(|row| Some(row.per_mm)))
             .with("tangential", column(|row| row.tangential))
             .with("sagittal", column(|row| row.sagittal))

@@ -10,6 +10,7 @@ use twinpupil_optics::{Encircled, Psf};
 
 use super::answer::{Answer, Form};
 use super::asked::{About, Asked, AskedArgs, Pupil, View};
+use super::rows::cell;
 use crate::io::encode_rgb8;
 use crate::io::output::Outputs;
 use crate::io::table::{Cells, Table};
@@ -245,21 +246,18 @@ impl Answer for Images<'_> {
             "rms by rays, µm",
             "pupil",
         ];
-        let number = |value: Option<f64>, scale: f64, decimals: usize| {
-            value.map_or("-".to_owned(), |value| format!("{:.decimals$}", scale * value))
-        };
         let rows: Vec<[String; 9]> = (self.seen.iter())
             .map(|Seen { view, row, .. }| {
                 let [field, colour] = view.head();
                 [
                     field,
                     colour,
-                    number(row.strehl_ratio, 1.0, 4),
-                    number(row.rms_opd_waves, 1.0, 4),
-                    number(row.airy_radius_mm, 1000.0, 3),
-                    number(row.radius_80_mm, 1000.0, 3),
-                    number(row.radius_80_by_rays_mm, 1000.0, 3),
-                    number(row.rms_by_rays_mm, 1000.0, 3),
+                    cell(row.strehl_ratio, 1.0, 4),
+                    cell(row.rms_opd_waves, 1.0, 4),
+                    cell(row.airy_radius_mm, 1000.0, 3),
+                    cell(row.radius_80_mm, 1000.0, 3),
+                    cell(row.radius_80_by_rays_mm, 1000.0, 3),
+                    cell(row.rms_by_rays_mm, 1000.0, 3),
                     format!("{:.1} %", 100.0 * row.filled.min(1.0)),
                 ]
             })

@@ -5,6 +5,7 @@ use clap::Args as ClapArgs;
 use serde::Serialize;
 
 use super::asked::{About, Asked, AskedArgs, View};
+use super::rows::cell;
 use crate::commands::destination::{Destination, pretty};
 use crate::text_table::render;
 
@@ -68,7 +69,7 @@ fn places(count: u32) -> Vec<[f64; 2]> {
 
 impl Spot {
     fn of(view: &View<'_>, places: &[[f64; 2]]) -> Self {
-        let (sight, ideal_mm) = (view.sight(), view.ideal_mm());
+        let sight = view.sight();
         let rays = sight.as_ref().map_or(Vec::new(), |sight| sight.image_rays(places));
         let image_mm: Vec<[f64; 2]> =
             rays.iter().flatten().map(|ray| [ray.position_mm[0], ray.position_mm[1]]).collect();
@@ -80,7 +81,7 @@ impl Spot {
         Self {
             about: view.about(),
             chief_mm,
-            distortion: chief_mm.filter(|_| ideal_mm != 0.0).map(|mm| mm / ideal_mm - 1.0),
+            distortion: view.distortion(chief_mm),
             centre_mm: any(centre_mm[1]),
             rms_mm: any((squares.clone().sum::<f64>() / count).sqrt()),
             largest_mm: any(squares.fold(0.0, f64::max).sqrt()),
@@ -93,19 +94,16 @@ impl Spot {
 fn to_text(asked: &Asked, spots: &[Spot]) -> String {
     let header =
         ["field", asked.colours_are(), "chief, mm", "distortion", "centre, mm", "rms, µm", "largest, µm", "arrived"];
-    let number = |value: Option<f64>, scale: f64, decimals: usize| {
-        value.map_or("-".to_owned(), |value| format!("{:.decimals$}", scale * value))
-    };
     let row = |(view, spot): (View<'_>, &Spot)| {
         let [field, colour] = view.head();
         [
             field,
             colour,
-            number(spot.chief_mm, 1.0, 5),
+            cell(spot.chief_mm, 1.0, 5),
             spot.distortion.map_or("-".to_owned(), |part| format!("{:.4} %", 100.0 * part)),
-            number(spot.centre_mm, 1.0, 5),
-            number(spot.rms_mm, 1000.0, 3),
-            number(spot.largest_mm, 1000.0, 3),
+            cell(spot.centre_mm, 1.0, 5),
+            cell(spot.rms_mm, 1000.0, 3),
+            cell(spot.largest_mm, 1000.0, 3),
             format!("{} of {}", spot.arrived, spot.launched),
         ]
     };
