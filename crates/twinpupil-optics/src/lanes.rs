@@ -80,13 +80,9 @@ impl Plate {
 }
 
 /// Component `k` of the lines from image positions to pupil points.
-#[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
 pub(crate) fn launch(lines: &mut Lines, k: usize, at_peaks: &Linear, slope: &Linear, image_mm: &[f64], pupil: &[f64]) {
-    let outputs = lines.at_peaks_mm[k].iter_mut().zip(&mut lines.slope[k]);
-    for ((at_mm, gradient), (image_mm, pupil)) in outputs.zip(image_mm.iter().zip(pupil)) {
-        *at_mm = at_peaks.component(k, *pupil, *image_mm);
-        *gradient = slope.component(k, *pupil, *image_mm);
-    }
+    at_peaks.fill(k, pupil, image_mm, &mut lines.at_peaks_mm[k]);
+    slope.fill(k, pupil, image_mm, &mut lines.slope[k]);
 }
 
 /// Weights of lines that come from the sensor.

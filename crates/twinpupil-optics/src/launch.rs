@@ -30,8 +30,8 @@ impl Places {
     pub(crate) fn ideal(map: &Linear, starts: &RayStarts<'_>) -> Self {
         let mut places = Self { at_mm: [[0.0; LANES]; 2], area: [1.0; LANES] };
         let [x_mm, y_mm] = &mut places.at_mm;
-        fill(map, 0, starts.image_x_mm, starts.pupil_x, x_mm);
-        fill(map, 1, starts.image_y_mm, starts.pupil_y, y_mm);
+        map.fill(0, starts.pupil_x, starts.image_x_mm, x_mm);
+        map.fill(1, starts.pupil_y, starts.image_y_mm, y_mm);
         places
     }
 
@@ -56,14 +56,6 @@ impl Launch {
     /// Puts rays from the sensor to their places into a block, and their weights.
     pub(crate) fn fill(&self, starts: &RayStarts<'_>, places: &Places, block: &mut Block, weight: &mut [f64]) {
         leave(self, starts, places, block, weight);
-    }
-}
-
-/// Component `k` of the places behind the ideal lens.
-#[multiversion(targets("x86_64+avx2+fma"))]
-fn fill(map: &Linear, k: usize, image_mm: &[f64], pupil: &[f64], places_mm: &mut [f64; LANES]) {
-    for (place_mm, (image_mm, pupil)) in places_mm.iter_mut().zip(image_mm.iter().zip(pupil)) {
-        *place_mm = map.component(k, *pupil, *image_mm);
     }
 }
 

@@ -1,5 +1,6 @@
 //! Heights and slopes of rays through a thin lens, which are linear in where a ray starts and where it is aimed.
 
+use multiversion::multiversion;
 use twinpupil_instrument::ImagePoint;
 
 /// A transverse quantity of a ray: `per_pupil · u + per_image · p + constant` for the unit-disc pupil point u and the
@@ -50,10 +51,22 @@ impl Linear {
         self.per_pupil * pupil + self.per_image * image_mm + self.constant[k]
     }
 
+    /// Component `k` for many rays.
+    pub(crate) fn fill(&self, k: usize, pupil: &[f64], image_mm: &[f64], values: &mut [f64]) {
+        fill(self, k, pupil, image_mm, values);
+    }
+
     pub(crate) fn over(&self, centre: ImagePoint, radius_mm: f64) -> Disc {
         Disc {
             centre: [self.component(0, 0.0, centre.x_mm), self.component(1, 0.0, centre.y_mm)],
             radius: self.per_pupil.abs() + self.per_image.abs() * radius_mm,
         }
+    }
+}
+
+#[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
+fn fill(linear: &Linear, k: usize, pupil: &[f64], image_mm: &[f64], values: &mut [f64]) {
+    for (value, (pupil, image_mm)) in values.iter_mut().zip(pupil.iter().zip(image_mm)) {
+        *value = linear.component(k, *pupil, *image_mm);
     }
 }
