@@ -213,12 +213,15 @@ impl FresnelBand {
                 moment = [moment[0] + share * image_mm[0], moment[1] + share * image_mm[1]];
             }
         }
+        let ideal = self.masks.point_image(object_mm);
         if light == 0.0 {
-            return PointImage { throughput: 0.0, ..self.masks.point_image(object_mm) };
+            return PointImage { throughput: 0.0, ..ideal };
         }
+        let [x_mm, y_mm] = moment.map(|moment| moment / light);
         PointImage {
             throughput: light / (4 * RAYS_PER_QUADRANT) as f64,
-            centroid: ImagePoint { x_mm: moment[0] / light, y_mm: moment[1] / light },
+            centroid: ImagePoint { x_mm, y_mm },
+            aberration_mm: [x_mm - ideal.centroid.x_mm, y_mm - ideal.centroid.y_mm],
             spread: PointSpread::default(),
         }
     }

@@ -258,25 +258,34 @@ impl PrescribedBand {
             .filter(is_open)
             .map(|point| ([0, 1].map(|k| (object_mm[k] - map.component(k, point[k], 0.0)) / map.per_image), point))
             .collect();
-        let shares = self.shares(&map, object_mm, &starts);
-        let light: f64 = shares.iter().map(|(share, _)| share).sum();
+        let arrivals = self.arrivals(&map, object_mm, &starts);
+        let light: f64 = arrivals.iter().flatten().map(|arrival| arrival.share).sum();
+        let ImagePoint { x_mm, y_mm } = behind_ideal.centroid;
         if light <= 0.0 {
             return PointImage { throughput: 0.0, ..behind_ideal };
         }
-        let added_mm = |n: usize| [0, 1].map(|k| shares[n].1[k] - starts[n].0[k]);
-        let mean_mm = [0, 1].map(|k| (0..starts.len()).map(|n| shares[n].0 * added_mm(n)[k]).sum::<f64>() / light);
-        let arrived = (0..starts.len()).filter(|n| shares[*n].0 > 0.0);
-        let ImagePoint { x_mm, y_mm } = behind_ideal.centroid;
+        let added: Vec<Added> = (starts.iter().zip(&arrivals))
+            .filter_map(|(start, arrival)| {
+                let Arrival { weight, image_mm, .. } = *arrival.as_ref()?;
+                Some(Added { pupil: start.1, added_mm: minus(image_mm, start.0), weight })
+            })
+            .collect();
+        // Of the ideal lens's rays the mean is where it images the point.
+        let count = starts.len() as f64;
+        let ideal_mm = [0, 1].map(|k| starts.iter().map(|start| start.0[k]).sum::<f64>() / count);
+        let moved_mm = |share: fn(&Arrival) -> f64| minus(mean_mm(&arrivals, share), ideal_mm);
+        let [dx_mm, dy_mm] = moved_mm(|arrival| arrival.share);
         PointImage {
             throughput: behind_ideal.throughput * light / (4 * rays_per_quadrant) as f64,
-            centroid: ImagePoint { x_mm: x_mm + mean_mm[0], y_mm: y_mm + mean_mm[1] },
-            spread: spread(object_mm, &arrived.map(|n| (starts[n].1, added_mm(n))).collect::<Vec<_>>()),
+            centroid: ImagePoint { x_mm: x_mm + dx_mm, y_mm: y_mm + dy_mm },
+            aberration_mm: moved_mm(|arrival| arrival.weight),
+            spread: spread(object_mm, &added),
         }
     }
 
-    /// Share and image point of every ray that meets an object point through the pupil points of `starts`, which say where
-    /// the ideal lens would image it; 0 for one that does not get through.
-    fn shares(&self, map: &Linear, object_mm: [f64; 3], starts: &[([f64; 2], [f64; 2])]) -> Vec<(f64, [f64; 2])> {
+    /// How every ray arrives that meets an object point through the pupil points of `starts`, which say where the ideal lens
+    /// would image it; `None` for one that does not get through.
+    fn arrivals(&self, map: &Linear, object_mm: [f64; 3], starts: &[([f64; 2], [f64; 2])]) -> Vec<Option<Arrival>> {
         let mut now = starts.to_vec();
         let mut rays = ObjectRays::default();
         let at = |rays: &ObjectRays, n: usize| {
@@ -308,19 +317,47 @@ impl PrescribedBand {
         };
         let [by_x, by_y] = [0, 1].map(beside);
         let unit = map.per_image * map.per_image;
-        let share = |n: usize| {
+        let arrival = |n: usize| {
             let slope = |to: &[[f64; 2]]| [0, 1].map(|k| (to[n][k] - found[n][k]) / DERIVATIVE_STEP_MM);
             let ([a, b], [c, d]) = (slope(&by_x), slope(&by_y));
             let share = weight[n] * unit / (a * d - b * c).abs();
-            if is_there[n] && share.is_finite() { (share, now[n].0) } else { (0.0, starts[n].0) }
+            let arrives = is_there[n] && share.is_finite() && share > 0.0;
+            arrives.then_some(Arrival { weight: weight[n], share, image_mm: now[n].0 })
         };
-        (0..now.len()).map(share).collect()
+        (0..now.len()).map(arrival).collect()
     }
 }
 
+/// A ray from an object point that arrives on the sensor.
+struct Arrival {
+    /// What it counts for a pixel there.
+    weight: f64,
+    /// What it counts of the light of the point.
+    share: f64,
+    image_mm: [f64; 2],
+}
+
+/// Mean place of arrivals.
+fn mean_mm(arrivals: &[Option<Arrival>], share: fn(&Arrival) -> f64) -> [f64; 2] {
+    let arrivals = || arrivals.iter().flatten();
+    let total: f64 = arrivals().map(share).sum();
+    [0, 1].map(|k| arrivals().map(|arrival| share(arrival) * arrival.image_mm[k]).sum::<f64>() / total)
+}
+
+fn minus(place: [f64; 2], other: [f64; 2]) -> [f64; 2] {
+    [place[0] - other[0], place[1] - other[1]]
+}
+
+/// What the lens adds to where light through a point of the pupil arrives, and how much that is.
+struct Added {
+    pupil: [f64; 2],
+    added_mm: [f64; 2],
+    weight: f64,
+}
+
 /// How light is spread that arrives from pupil points farther than through the ideal lens, by the polynomial that comes
-/// nearest.
-fn spread([x_mm, y_mm, _]: [f64; 3], added: &[([f64; 2], [f64; 2])]) -> PointSpread {
+/// nearest, and how far off that is.
+fn spread([x_mm, y_mm, _]: [f64; 3], added: &[Added]) -> PointSpread {
     let r_mm = x_mm.hypot(y_mm);
     let [cos, sin] = if r_mm > 0.0 { [x_mm / r_mm, y_mm / r_mm] } else { [1.0, 0.0] };
     // Along the radius and across it.
@@ -329,16 +366,37 @@ fn spread([x_mm, y_mm, _]: [f64; 3], added: &[([f64; 2], [f64; 2])]) -> PointSpr
         let cubic = u * u + v * v - 2.0 / 3.0;
         [1.0, u, v, u * u, u * v, v * v, cubic * u, cubic * v]
     };
-    let column = |k: usize| added.iter().map(|(pupil, _)| terms(turned(*pupil))[k]).collect();
-    let right = |k: usize| added.iter().map(|(_, added_mm)| turned(*added_mm)[k]).collect();
+    let column = |k: usize| added.iter().map(|one| terms(turned(one.pupil))[k]).collect();
+    let right = |k: usize| added.iter().map(|one| turned(one.added_mm)[k]).collect();
     let factors_mm = least_squares((0..8).map(column).collect(), [right(0), right(1)]);
     let [along, across] = [-factors_mm[1][0], -factors_mm[2][1]];
-    PointSpread {
+    let light: f64 = added.iter().map(|one| one.weight).sum();
+    let tilt: f64 = added.iter().map(|one| one.weight * turned(one.pupil)[0]).sum();
+    let spread = PointSpread {
         growth_mm: 0.5 * (along + across),
         stretch_mm: 0.5 * (along - across),
         coma_mm: [factors_mm[3][0], factors_mm[5][0], factors_mm[4][1]],
         spherical_mm: -0.5 * (factors_mm[6][0] + factors_mm[7][1]),
-    }
+        // The mean square of a coordinate over the disc is ¼.
+        light_growth: 4.0 * tilt / light,
+        left_mm: 0.0,
+    };
+    let squares = added.iter().map(|one| {
+        let left_mm = minus(minus(turned(one.added_mm), factors_mm[0]), moved_mm(&spread, turned(one.pupil)));
+        left_mm[0] * left_mm[0] + left_mm[1] * left_mm[1]
+    });
+    let mean_square_mm2 = squares.sum::<f64>() / (2 * added.len()) as f64;
+    PointSpread { left_mm: mean_square_mm2.sqrt(), ..spread }
+}
+
+/// What a spread says of light through a point of the pupil, along the radius and across it.
+fn moved_mm(spread: &PointSpread, [u, v]: [f64; 2]) -> [f64; 2] {
+    let PointSpread { growth_mm, stretch_mm, coma_mm: [a, b, c], spherical_mm, .. } = *spread;
+    let cubic_mm = spherical_mm * (u * u + v * v - 2.0 / 3.0);
+    [
+        -(growth_mm + stretch_mm + cubic_mm) * u + a * u * u + b * v * v,
+        -(growth_mm - stretch_mm + cubic_mm) * v + c * u * v,
+    ]
 }
 
 /// How a ray ends, for a camera.
