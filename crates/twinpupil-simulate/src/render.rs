@@ -10,6 +10,7 @@ use crate::dot::Dot;
 use crate::illumination::Illumination;
 use crate::index::DotIndex;
 use crate::light::{covered_light, sum};
+use crate::patches::Patches;
 use crate::plate::Pose;
 use crate::progress::Progress;
 use crate::ray::Ray;
@@ -50,6 +51,7 @@ pub(crate) struct BandView<'a> {
     pub(crate) optics: &'a BandOptics,
     projection: Projection,
     surface: Surface,
+    patches: Patches,
     /// Mean width of a pixel, mm, and the unit vector along the rows of pixels.
     pitch_mm: f64,
     along_rows: [f64; 2],
@@ -123,7 +125,8 @@ impl<'a> Renderer<'a> {
         let view = |(band, optics): (&Band, &'a BandOptics)| {
             let projection = instrument.projection(band);
             let surface = Surface::new(sensor, band, registration, &projection, optics.focal_length_mm());
-            BandView::new(optics, projection, surface, (pitch_mm, along_rows), scene, pupil_samples)
+            let patches = Patches::new(sensor.size_px);
+            BandView::new(optics, projection, (surface, patches), (pitch_mm, along_rows), scene, pupil_samples)
         };
         Self {
             scene,
@@ -295,8 +298,15 @@ impl<'a> Renderer<'a> {
         workspace: &mut Workspace,
     ) {
         let Workspace { image_x_mm, image_y_mm, rays, ledger, .. } = workspace;
-        let surface = &self.bands[band].surface;
+        let BandView { surface, patches, optics, .. } = &self.bands[band];
         if surface.is_ideal() {
+            let map = patches.around([column, row], |first, size_px| {
+                let (centre, radius_mm) = self.disc(band, first, size_px);
+                optics.ray_map(centre, radius_mm)
+            });
+            if let Some(map) = map {
+                return map.trace(bundle.centre, [&samples.pupil_x, &samples.pupil_y], rays, ledger);
+            }
             let ImagePoint { x_mm, y_mm } = bundle.centre;
             for (buffer, value) in [(&mut *image_x_mm, x_mm), (&mut *image_y_mm, y_mm)] {
                 buffer.clear();
@@ -411,7 +421,7 @@ impl<'a> BandView<'a> {
     fn new(
         optics: &'a BandOptics,
         projection: Projection,
-        surface: Surface,
+        (surface, patches): (Surface, Patches),
         (pitch_mm, along_rows): (f64, [f64; 2]),
         scene: &Scene,
         pupil_samples: usize,
@@ -420,6 +430,7 @@ impl<'a> BandView<'a> {
             optics,
             projection,
             surface,
+            patches,
             pitch_mm,
             along_rows,
             pupil_samples,
