@@ -22,7 +22,7 @@ use crate::launch::{Launch, Places, arrive};
 use crate::least_squares::least_squares;
 use crate::linear::Linear;
 use crate::masks::Masks;
-use crate::ray_map::{LINE, Start, Traced};
+use crate::ray_map::{Start, Traced};
 use crate::spread::quadrants;
 use crate::stop::Stop;
 use crate::stray::{Stray, probes};
@@ -334,19 +334,15 @@ impl PrescribedBand {
 }
 
 impl Traced for PrescribedBand {
-    fn lines(&self, starts: &[Start]) -> Option<[Vec<f64>; LINE]> {
-        let mut lines: [Vec<f64>; LINE] = Default::default();
+    fn rays(&self, starts: &[Start]) -> Option<ObjectRays> {
         let mut rays = ObjectRays::default();
-        for starts in starts.chunks(LANES) {
-            self.trace_through(&self.lens, starts, &mut rays);
-            let ObjectRays { x_mm, y_mm, slope_x, slope_y, weight } = &rays;
-            if weight.contains(&0.0) {
-                return None;
-            }
-            let found = [x_mm, y_mm, slope_x, slope_y, weight];
-            lines.iter_mut().zip(found).for_each(|(line, found)| line.extend_from_slice(found));
+        rays.resize(starts.len());
+        let columns = Columns::of(starts);
+        for first in (0..starts.len()).step_by(LANES) {
+            let block = columns.starts().slice(first..starts.len().min(first + LANES));
+            self.trace_block(&self.lens, block, first, &mut rays, &mut RayLedger::default());
         }
-        Some(lines)
+        (!rays.weight.contains(&0.0)).then_some(rays)
     }
 
     fn stops(&self) -> &[Stop] {

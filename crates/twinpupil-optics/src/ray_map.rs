@@ -29,14 +29,15 @@ pub struct RayMap {
     centre: ImagePoint,
     radius_mm: f64,
     degree: usize,
-    /// x, y, both slopes and the weight.
+    /// x, y and both slopes.
     line: [Component; LINE],
+    weight: Component,
     /// Masks that some of the rays may not pass, in the order in which they are met, and where.
     masks: Vec<(Stop, [Component; 2])>,
 }
 
-/// Position, slopes and weight of a ray.
-pub(crate) const LINE: usize = 5;
+/// Position and slopes of a ray.
+pub(crate) const LINE: usize = 4;
 
 /// Coefficients of a component: for every power of a those of the powers of u.
 #[derive(Debug, Clone)]
@@ -45,10 +46,10 @@ struct Component(Vec<f64>);
 /// Its coefficients at one image point.
 type AtImage = [f64; PUPIL_TERMS_MAX];
 
-/// What tracing tells of rays: their lines and weights, component by component; `None` if one of them is lost.
+/// What tracing tells of rays.
 pub(crate) trait Traced {
-    /// Lines and weights of rays between image and pupil points, in front of the lens; `None` if a surface stops one.
-    fn lines(&self, starts: &[Start]) -> Option<[Vec<f64>; LINE]>;
+    /// Rays between image and pupil points, in front of the lens; `None` if a surface stops one.
+    fn rays(&self, starts: &[Start]) -> Option<ObjectRays>;
 
     /// The masks in the order in which rays meet them.
     fn stops(&self) -> &[Stop];
@@ -108,18 +109,20 @@ fn powers([x, y]: [f64; 2], degree: usize, all: &mut [f64]) {
 /// Rays that were traced, component by component.
 struct Sample<'a> {
     starts: &'a [Start],
-    line: [Vec<f64>; LINE],
+    rays: ObjectRays,
     crossings: Vec<[Vec<f64>; 2]>,
 }
 
 impl<'a> Sample<'a> {
+    /// `None` if a surface stops one of them.
     fn of(rays: &impl Traced, starts: &'a [Start]) -> Option<Self> {
-        let line = rays.lines(starts)?;
-        Some(Self {
-            starts,
-            line,
-            crossings: (0..rays.stops().len()).map(|stop| rays.crossings(stop, starts)).collect(),
-        })
+        let crossings = (0..rays.stops().len()).map(|stop| rays.crossings(stop, starts)).collect();
+        Some(Self { starts, rays: rays.rays(starts)?, crossings })
+    }
+
+    fn line(&self) -> [&Vec<f64>; LINE] {
+        let ObjectRays { x_mm, y_mm, slope_x, slope_y, .. } = &self.rays;
+        [x_mm, y_mm, slope_x, slope_y]
     }
 }
 
@@ -140,7 +143,8 @@ impl RayMap {
                 centre,
                 radius_mm,
                 degree: fit.degree,
-                line: nodes.line.each_ref().map(through),
+                line: nodes.line().map(through),
+                weight: through(&nodes.rays.weight),
                 masks: rays.stops().iter().cloned().zip(crossings).collect(),
             };
             map.follows(&checks).then(|| map.without_open_masks())
@@ -158,10 +162,11 @@ impl RayMap {
 
     /// Whether it says of all these rays what tracing did.
     fn follows(&self, sample: &Sample<'_>) -> bool {
-        let limits = [POSITION_MM, POSITION_MM, SLOPE, SLOPE, WEIGHT];
+        let line = self.line.iter().zip([POSITION_MM, POSITION_MM, SLOPE, SLOPE]);
         let crossings = self.masks.iter().flat_map(|(_, components)| components);
-        let components = self.line.iter().zip(limits).chain(crossings.map(|component| (component, POSITION_MM)));
-        let values = sample.line.iter().chain(sample.crossings.iter().flatten());
+        let components =
+            line.chain([(&self.weight, WEIGHT)]).chain(crossings.map(|component| (component, POSITION_MM)));
+        let values = sample.line().into_iter().chain([&sample.rays.weight]).chain(sample.crossings.iter().flatten());
         components.zip(values).all(|((component, limit), values)| {
             let mut first = 0;
             sample.starts.chunk_by(|a, b| a.0 == b.0).all(|starts| {
@@ -177,12 +182,13 @@ impl RayMap {
     fn component(&self, component: &Component, starts: &[Start]) -> Vec<f64> {
         let [u, v] = [0, 1].map(|axis| starts.iter().map(|start| start.1[axis]).collect::<Vec<f64>>());
         let (mut at, mut values) = ([0.0; PUPIL_TERMS_MAX], vec![0.0; starts.len()]);
-        component.at(&self.image_powers(starts[0].0), self.degree, &mut at);
+        let [x_mm, y_mm] = starts[0].0;
+        component.at(&self.image_powers(ImagePoint { x_mm, y_mm }), self.degree, &mut at);
         evaluate(self.degree, &at, [&u, &v], &mut values);
         values
     }
 
-    fn image_powers(&self, [x_mm, y_mm]: [f64; 2]) -> [f64; IMAGE_TERMS] {
+    fn image_powers(&self, ImagePoint { x_mm, y_mm }: ImagePoint) -> [f64; IMAGE_TERMS] {
         let per_mm = 1.0 / self.radius_mm;
         let mut all = [0.0; IMAGE_TERMS];
         powers([(x_mm - self.centre.x_mm) * per_mm, (y_mm - self.centre.y_mm) * per_mm], IMAGE_DEGREE, &mut all);
@@ -192,17 +198,25 @@ impl RayMap {
     /// Rays from an image point of the patch to pupil points, as
     /// [`BandOptics::trace`](crate::BandOptics::trace) gives them.
     pub fn trace(&self, image: ImagePoint, pupil: [&[f64]; 2], rays: &mut ObjectRays, ledger: &mut RayLedger) {
-        let count = pupil[0].len().min(pupil[1].len());
-        let pupil = pupil.map(|values| &values[..count]);
-        rays.resize(count);
-        ledger.launched += count as u64;
-        let image_powers = self.image_powers([image.x_mm, image.y_mm]);
-        let ObjectRays { x_mm, y_mm, slope_x, slope_y, weight } = rays;
+        self.weigh(image, pupil, rays, ledger);
+        let ObjectRays { x_mm, y_mm, slope_x, slope_y, .. } = rays;
+        let image_powers = self.image_powers(image);
         let mut at = [0.0; PUPIL_TERMS_MAX];
-        for (component, values) in self.line.iter().zip([x_mm, y_mm, slope_x, slope_y, &mut *weight]) {
+        for (component, values) in self.line.iter().zip([x_mm, y_mm, slope_x, slope_y]) {
             component.at(&image_powers, self.degree, &mut at);
             evaluate(self.degree, &at, pupil, values);
         }
+    }
+
+    /// Their weights alone; where the rays go, `rays` does not tell then.
+    pub fn weigh(&self, image: ImagePoint, pupil: [&[f64]; 2], rays: &mut ObjectRays, ledger: &mut RayLedger) {
+        rays.resize(pupil[0].len().min(pupil[1].len()));
+        let weight = &mut rays.weight;
+        let pupil = pupil.map(|values| &values[..weight.len()]);
+        let image_powers = self.image_powers(image);
+        let mut at = [0.0; PUPIL_TERMS_MAX];
+        self.weight.at(&image_powers, self.degree, &mut at);
+        evaluate(self.degree, &at, pupil, weight);
         let mut lost = 0;
         let mut places = [at; 2];
         for (stop, components) in &self.masks {
@@ -212,7 +226,8 @@ impl RayMap {
                 lost += self.block(stop, &places, pupil, weight, ledger);
             }
         }
-        ledger.arrived += count as u64 - lost;
+        ledger.launched += weight.len() as u64;
+        ledger.arrived += weight.len() as u64 - lost;
     }
 
     /// Takes the weight of the rays that a mask stops; how many they are.
