@@ -54,15 +54,20 @@ impl Departures {
         let (r_mm, rho_mm) = ((x_mm * x_mm + y_mm * y_mm).sqrt(), (0.5 * dot.diameter_mm).max(LEAST_MM));
         let [x, y] = if r_mm > 0.0 { [x_mm / r_mm, y_mm / r_mm] } else { [1.0, 0.0] };
         let beside_mm = (r_mm * r_mm + rho_mm * rho_mm).sqrt();
-        let (outer_mm, inner_mm) = (self.outwards_mm(r_mm + rho_mm, z_mm), self.outwards_mm(r_mm - rho_mm, z_mm));
-        let across = self.outwards_mm(beside_mm, z_mm) / beside_mm;
-        let along = (outer_mm - inner_mm) / (2.0 * rho_mm);
+        // A tilted rim meets the radius nearer to its middle, and not at its distance.
+        let steepness = dot.slopes[0] * x + dot.slopes[1] * y;
+        let rim_mm = rho_mm / (1.0 + steepness * steepness).sqrt();
+        let deeper_mm = rim_mm * steepness;
+        let [outer_mm, inner_mm] =
+            [1.0, -1.0].map(|side| self.outwards_mm(r_mm + side * rim_mm, z_mm + side * deeper_mm));
         let outwards_mm = 0.5 * (outer_mm + inner_mm);
+        let across = self.outwards_mm(beside_mm, z_mm) / beside_mm;
+        let along = (self.outwards_mm(r_mm + rho_mm, z_mm) - self.outwards_mm(r_mm - rho_mm, z_mm)) / (2.0 * rho_mm);
         let [nearer_mm, farther_mm] = [-STEP_MM, STEP_MM].map(|step_mm| self.outwards_mm(r_mm, z_mm + step_mm));
         let per_mm = (farther_mm - nearer_mm) / (2.0 * STEP_MM);
         let off = (along - across) * x * y;
-        let [middle, beside, outer, inner] =
-            [r_mm, beside_mm, r_mm + rho_mm, (r_mm - rho_mm).abs()].map(|r_mm| self.spread(r_mm, z_mm));
+        let [outer, inner] = [1.0, -1.0].map(|side| self.spread((r_mm + side * rim_mm).abs(), z_mm + side * deeper_mm));
+        let [middle, beside] = [r_mm, beside_mm].map(|r_mm| self.spread(r_mm, z_mm));
         let growth_mm = 0.25 * (outer.growth_mm + inner.growth_mm) + 0.5 * beside.growth_mm;
         Departure {
             shift_mm: [outwards_mm * x, outwards_mm * y],
