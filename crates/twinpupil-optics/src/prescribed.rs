@@ -13,15 +13,13 @@
 //! pupil by [`Aim`]. Weights are relative to the axis of the ideal lens. Where one of the surfaces is an ideal lens there is
 //! no cos⁴θ, as for the model `thin`. Losses by reflection are left out.
 
-use twinpupil_instrument::{
-    Band, ImagePoint, Instrument, LensStand, MaskPlace, PointSpread, Prescription, PrescriptionLens, Shape,
-};
+use twinpupil_instrument::{Band, ImagePoint, Instrument, LensStand, MaskPlace, Prescription, PrescriptionLens, Shape};
 
 use crate::aim::{Aim, Sample};
 use crate::launch::{Launch, Places, arrive};
-use crate::least_squares::least_squares;
 use crate::linear::Linear;
 use crate::masks::Masks;
+use crate::point_image::{Added, minus, spread};
 use crate::ray_map::{Start, Traced};
 use crate::spread::quadrants;
 use crate::stop::Stop;
@@ -429,61 +427,6 @@ fn mean_mm(arrivals: &[Option<Arrival>], share: fn(&Arrival) -> f64) -> [f64; 2]
     let arrivals = || arrivals.iter().flatten();
     let total: f64 = arrivals().map(share).sum();
     [0, 1].map(|k| arrivals().map(|arrival| share(arrival) * arrival.image_mm[k]).sum::<f64>() / total)
-}
-
-fn minus(place: [f64; 2], other: [f64; 2]) -> [f64; 2] {
-    [place[0] - other[0], place[1] - other[1]]
-}
-
-/// What the lens adds to where light through a point of the pupil arrives, and how much that is.
-struct Added {
-    pupil: [f64; 2],
-    added_mm: [f64; 2],
-    weight: f64,
-}
-
-/// How light is spread that arrives from pupil points farther than through the ideal lens, by the polynomial that comes
-/// nearest, and how far off that is.
-fn spread([x_mm, y_mm, _]: [f64; 3], added: &[Added]) -> PointSpread {
-    let r_mm = x_mm.hypot(y_mm);
-    let [cos, sin] = if r_mm > 0.0 { [x_mm / r_mm, y_mm / r_mm] } else { [1.0, 0.0] };
-    // Along the radius and across it.
-    let turned = |[x, y]: [f64; 2]| [cos * x + sin * y, cos * y - sin * x];
-    let terms = |[u, v]: [f64; 2]| {
-        let cubic = u * u + v * v - 2.0 / 3.0;
-        [1.0, u, v, u * u, u * v, v * v, cubic * u, cubic * v]
-    };
-    let column = |k: usize| added.iter().map(|one| terms(turned(one.pupil))[k]).collect();
-    let right = |k: usize| added.iter().map(|one| turned(one.added_mm)[k]).collect();
-    let factors_mm = least_squares((0..8).map(column).collect(), [right(0), right(1)]);
-    let [along, across] = [-factors_mm[1][0], -factors_mm[2][1]];
-    let light: f64 = added.iter().map(|one| one.weight).sum();
-    let tilt: f64 = added.iter().map(|one| one.weight * turned(one.pupil)[0]).sum();
-    let spread = PointSpread {
-        growth_mm: 0.5 * (along + across),
-        stretch_mm: 0.5 * (along - across),
-        coma_mm: [factors_mm[3][0], factors_mm[5][0], factors_mm[4][1]],
-        spherical_mm: -0.5 * (factors_mm[6][0] + factors_mm[7][1]),
-        // The mean square of a coordinate over the disc is ¼.
-        light_growth: 4.0 * tilt / light,
-        left_mm: 0.0,
-    };
-    let squares = added.iter().map(|one| {
-        let left_mm = minus(minus(turned(one.added_mm), factors_mm[0]), moved_mm(&spread, turned(one.pupil)));
-        left_mm[0] * left_mm[0] + left_mm[1] * left_mm[1]
-    });
-    let mean_square_mm2 = squares.sum::<f64>() / (2 * added.len()) as f64;
-    PointSpread { left_mm: mean_square_mm2.sqrt(), ..spread }
-}
-
-/// What a spread says of light through a point of the pupil, along the radius and across it.
-fn moved_mm(spread: &PointSpread, [u, v]: [f64; 2]) -> [f64; 2] {
-    let PointSpread { growth_mm, stretch_mm, coma_mm: [a, b, c], spherical_mm, .. } = *spread;
-    let cubic_mm = spherical_mm * (u * u + v * v - 2.0 / 3.0);
-    [
-        -(growth_mm + stretch_mm + cubic_mm) * u + a * u * u + b * v * v,
-        -(growth_mm - stretch_mm + cubic_mm) * v + c * u * v,
-    ]
 }
 
 /// How a ray ends, for a camera.
