@@ -213,9 +213,6 @@ fn check_camera_lens(lens: &Prescription) -> Result<(), ValueError> {
         if matches!(surface.shape, Shape::Break | Shape::Cylinder { .. }) {
             return Err(ValueError::new(key, "a break or a cylinder", "surfaces of revolution"));
         }
-        if matches!(surface.shape, Shape::Facets { .. }) {
-            return Err(ValueError::new(key, "facets", "smooth surfaces; `lens.model = \"fresnel\"` has facets"));
-        }
     }
     match lens.surfaces.last() {
         Some(last) if !last.medium.eq_ignore_ascii_case("air") => {

@@ -46,8 +46,8 @@ pub struct PointResponse {
     pub throughput: f64,
     /// Radius of the centroid of its image less the radius of the first-order image, mm.
     pub radial_deviation_mm: f64,
-    /// Radius of that centroid less the radius that an ideal lens of the band's focal length would give it behind the
-    /// same masks, mm: what is left when clipping is accounted for.
+    /// How much farther out than an ideal lens of the band's focal length the lens images the point through the whole pupil,
+    /// mm: a mean in which rays count as pixels see them, and nothing is clipped.
     pub aberration_mm: f64,
     /// How its light is spread about that centroid.
     pub spread: PointSpread,
@@ -72,6 +72,10 @@ pub struct PointSpread {
     pub coma_mm: [f64; 3],
     /// Spherical aberration, mm.
     pub spherical_mm: f64,
+    /// Growth of its light from the middle of the pupil to the end along x, relative.
+    pub light_growth: f64,
+    /// What these terms leave of where light through the pupil arrives, root mean square along x and across it, mm.
+    pub left_mm: f64,
 }
 
 impl Add for PointSpread {
@@ -83,6 +87,8 @@ impl Add for PointSpread {
             stretch_mm: self.stretch_mm + other.stretch_mm,
             coma_mm: [0, 1, 2].map(|k| self.coma_mm[k] + other.coma_mm[k]),
             spherical_mm: self.spherical_mm + other.spherical_mm,
+            light_growth: self.light_growth + other.light_growth,
+            left_mm: self.left_mm + other.left_mm,
         }
     }
 }
@@ -96,6 +102,8 @@ impl Mul<f64> for PointSpread {
             stretch_mm: self.stretch_mm * factor,
             coma_mm: self.coma_mm.map(|mm| mm * factor),
             spherical_mm: self.spherical_mm * factor,
+            light_growth: self.light_growth * factor,
+            left_mm: self.left_mm * factor,
         }
     }
 }

@@ -28,11 +28,18 @@ impl ThickLens {
         for (i, surface) in lens.surfaces.iter().enumerate() {
             let key = format!("surface[{i}].medium");
             let index_behind = Glass::named(&surface.medium, &lens.media, &[], &key)?.index(wavelength_nm)?;
-            surfaces.push(ParaxialSurface {
-                power_per_mm: power_per_mm(&surface.shape, index_before, index_behind),
-                index_behind,
-                gap_behind_mm: surface.gap_mm,
-            });
+            let power_per_mm = match surface.shape {
+                Shape::Facets { focal_length_mm, design_wavelength_nm, .. } => {
+                    // The glass lies on the side where the index is larger.
+                    let (place, index) =
+                        if index_behind > index_before { (i, index_behind) } else { (i.max(1) - 1, index_before) };
+                    let key = format!("surface[{place}].medium");
+                    let glass = Glass::named(&lens.surfaces[place].medium, &lens.media, &[], &key)?;
+                    (index - 1.0) / ((glass.index(design_wavelength_nm)? - 1.0) * focal_length_mm)
+                }
+                _ => power_per_mm(&surface.shape, index_before, index_behind),
+            };
+            surfaces.push(ParaxialSurface { power_per_mm, index_behind, gap_behind_mm: surface.gap_mm });
             index_before = index_behind;
         }
         let inner = surfaces.len().saturating_sub(1);
@@ -115,8 +122,8 @@ fn power_per_mm(shape: &Shape, index_before: f64, index_behind: f64) -> f64 {
         Shape::EvenAsphere { radius_mm, coefficients, .. } => conic(radius_mm) + square(coefficients, 0),
         Shape::OddAsphere { radius_mm, coefficients, .. } => conic(radius_mm) + square(coefficients, 1),
         Shape::Fresnel { radius_mm, coefficients, .. } => 1.0 / radius_mm + square(coefficients, 0),
-        // At the design wavelength; a camera has none.
-        Shape::Facets { focal_length_mm, .. } => return 1.0 / focal_length_mm,
+        // They depend on the glass at another wavelength.
+        Shape::Facets { .. } => 0.0,
     };
     curvature_per_mm * (index_behind - index_before)
 }

@@ -12,13 +12,14 @@
 //! The irradiance of a sensor point through an area A of the pupil's plane is `E = radiance · cos⁴θ · A/(L − t)²`,
 //! θ between the image-side ray and the axis; weights are relative to the axis. Losses by reflection are left out.
 
-use twinpupil_instrument::{FresnelLens, Glass, GrooveSide, ImagePoint, PointSpread};
+use twinpupil_instrument::{FresnelLens, Glass, GrooveSide, ImagePoint};
 
 use crate::lanes::{self, LANES, Lines};
 use crate::line::{Line, cos_fourth};
 use crate::linear::Linear;
 use crate::masks::Masks;
 use crate::plate::Plate;
+use crate::point_image::{Added, minus, spread};
 use crate::spread::quadrants;
 use crate::stop::Stop;
 use crate::stray::{Stray, probes};
@@ -206,28 +207,49 @@ impl FresnelBand {
     /// ray's share its weight over that determinant; the ideal lens's determinant is the unit.
     pub(crate) fn point_image(&self, object_mm: [f64; 3]) -> PointImage {
         let map = self.ideal.object_map(object_mm[2]);
-        let (mut light, mut moment) = (0.0, [0.0, 0.0]);
-        for pupil in quadrants(RAYS_PER_QUADRANT) {
-            if let Some((share, image_mm)) = self.aimed_share(&map, object_mm, pupil) {
+        let (mut light, mut moment, mut weighed) = (0.0, [0.0, 0.0], [0.0, 0.0]);
+        let (mut added, mut weights) = (Vec::with_capacity(4 * RAYS_PER_QUADRANT), 0.0);
+        for pupil in quadrants(RAYS_PER_QUADRANT).filter(|point| self.is_open(*point)) {
+            let Some(Arrival { weight, share, image_mm, passes }) = self.arrival(&map, object_mm, pupil) else {
+                continue;
+            };
+            let ideal_mm = [0, 1].map(|k| (object_mm[k] - map.component(k, pupil[k], 0.0)) / map.per_image);
+            let added_mm = minus(image_mm, ideal_mm);
+            added.push(Added { pupil, added_mm, weight });
+            weights += weight;
+            weighed = [0, 1].map(|k| weighed[k] + weight * image_mm[k]);
+            if passes {
                 light += share;
-                moment = [moment[0] + share * image_mm[0], moment[1] + share * image_mm[1]];
+                moment = [0, 1].map(|k| moment[k] + share * image_mm[k]);
             }
         }
-        if light == 0.0 {
-            return PointImage { throughput: 0.0, ..self.masks.point_image(object_mm) };
+        let ideal = self.masks.point_image(object_mm);
+        if added.is_empty() {
+            return PointImage { throughput: 0.0, ..ideal };
         }
+        // The middle of the ideal lens's rays.
+        let chief_mm = [0, 1].map(|k| (object_mm[k] - map.component(k, 0.0, 0.0)) / map.per_image);
+        let lit = light > 0.0;
+        let [x_mm, y_mm] = moment.map(|moment| moment / light);
         PointImage {
             throughput: light / (4 * RAYS_PER_QUADRANT) as f64,
-            centroid: ImagePoint { x_mm: moment[0] / light, y_mm: moment[1] / light },
-            spread: PointSpread::default(),
+            centroid: if lit { ImagePoint { x_mm, y_mm } } else { ideal.centroid },
+            aberration_mm: minus(weighed.map(|weighed| weighed / weights), chief_mm),
+            spread: spread(object_mm, &added),
         }
     }
 
-    /// Share and upright image position of the ray through a pupil point and the object point, if it gets through.
-    fn aimed_share(&self, map: &Linear, object_mm: [f64; 3], pupil: [f64; 2]) -> Option<(f64, [f64; 2])> {
+    /// Whether the pupil lets a point of its unit disc pass.
+    fn is_open(&self, point: [f64; 2]) -> bool {
+        let (pupil, radius_mm) = (self.masks.pupil(), self.masks.pupil_radius_mm);
+        pupil.check([0, 1].map(|k| pupil.centre_mm[k] + radius_mm * point[k])).is_ok()
+    }
+
+    /// How the ray through a pupil point and the object point arrives, if it gets through the lens.
+    fn arrival(&self, map: &Linear, object_mm: [f64; 3], pupil: [f64; 2]) -> Option<Arrival> {
         let (image_mm, ray) = self.aim(map, object_mm, pupil)?;
         let start = self.launch(image_mm, pupil);
-        check(&self.behind, &start).and_then(|()| check(&self.in_front, &ray)).ok()?;
+        let passes = check(&self.behind, &start).and_then(|()| check(&self.in_front, &ray)).is_ok();
         let (depth_mm, at_mm) = (self.depth_mm(object_mm[2]), ray.at(self.depth_mm(object_mm[2])));
         let derivative = |k: usize| {
             let mut beside_mm = image_mm;
@@ -241,7 +263,8 @@ impl FresnelBand {
             // A riser next door says nothing about this ray.
             _ => unit,
         };
-        Some((self.axial_weight * cos_fourth(start.slope) * unit / determinant, image_mm))
+        let weight = self.axial_weight * cos_fourth(start.slope);
+        Some(Arrival { weight, share: weight * unit / determinant, image_mm, passes })
     }
 
     /// The upright image position whose ray through a pupil point meets the object point, and that ray in object
@@ -260,6 +283,17 @@ impl FresnelBand {
         }
         None
     }
+}
+
+/// A ray from an object point that the lens lets through.
+struct Arrival {
+    /// What it counts for a pixel.
+    weight: f64,
+    /// What it counts of the light of the point.
+    share: f64,
+    image_mm: [f64; 2],
+    /// Whether the masks let it through as well.
+    passes: bool,
 }
 
 /// Apertures that can stop a ray, from the sensor outwards.

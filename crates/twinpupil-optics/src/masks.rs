@@ -106,7 +106,7 @@ impl Masks {
         let spread = 1.0 - l * (1.0 / f - 1.0 / z_mm);
         let centroid =
             ImagePoint { x_mm: x_mm * l / z_mm - lens_x_mm * spread, y_mm: y_mm * l / z_mm - lens_y_mm * spread };
-        PointImage { throughput, centroid, spread: PointSpread::default() }
+        PointImage { throughput, centroid, aberration_mm: [0.0; 2], spread: PointSpread::default() }
     }
 
     /// Radius about the axis inside which the other masks clip the pupil; zero where they do not.

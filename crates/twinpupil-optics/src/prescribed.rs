@@ -13,15 +13,13 @@
 //! pupil by [`Aim`]. Weights are relative to the axis of the ideal lens. Where one of the surfaces is an ideal lens there is
 //! no cos⁴θ, as for the model `thin`. Losses by reflection are left out.
 
-use twinpupil_instrument::{
-    Band, ImagePoint, Instrument, LensStand, MaskPlace, PointSpread, Prescription, PrescriptionLens, Shape,
-};
+use twinpupil_instrument::{Band, ImagePoint, Instrument, LensStand, MaskPlace, Prescription, PrescriptionLens, Shape};
 
 use crate::aim::{Aim, Sample};
 use crate::launch::{Launch, Places, arrive};
-use crate::least_squares::least_squares;
 use crate::linear::Linear;
 use crate::masks::Masks;
+use crate::point_image::{Added, minus, spread};
 use crate::ray_map::{Start, Traced};
 use crate::spread::quadrants;
 use crate::stop::Stop;
@@ -47,6 +45,9 @@ const AIM_TOLERANCE_MM: f64 = 1e-7;
 /// Enough for any ray that can be aimed at all.
 const AIM_STEPS: usize = 20;
 
+/// Share of the pitch of grooves by which rays may stray beyond that, where all probes happen to meet the same few facets.
+const STRAY_PER_PITCH: f64 = 0.01;
+
 /// Step of finite differences on the sensor, mm.
 const DERIVATIVE_STEP_MM: f64 = 1e-4;
 
@@ -68,6 +69,8 @@ pub(crate) struct PrescribedBand {
     stops: Vec<Stop>,
     to_stops: Vec<Train>,
     is_paraxial: bool,
+    /// Widest of the grooves that surfaces have, mm; 0 without any.
+    pitch_mm: f64,
     /// Weight of a ray along the axis.
     axial_weight: f64,
 }
@@ -113,6 +116,10 @@ impl PrescribedBand {
         let ends = |train: Train| train.with_end_plane(instrument.apertures.len(), front_principal_mm).reversed();
         let pupil = masks.pupil();
         let is_ideal = |shape: &Shape| matches!(shape, Shape::ThinLens { .. });
+        let pitches_mm = prescription.surfaces.iter().map(|surface| match surface.shape {
+            Shape::Facets { pitch_mm, .. } => pitch_mm,
+            _ => 0.0,
+        });
         let train = ends(with_masks);
         let stops: Vec<Stop> = train
             .masks()
@@ -127,6 +134,7 @@ impl PrescribedBand {
             aim: Aim::IDEAL,
             ideal: ThinBand::new(masks),
             is_paraxial: prescription.surfaces.iter().any(|surface| is_ideal(&surface.shape)),
+            pitch_mm: pitches_mm.fold(0.0, f64::max),
             axial_weight: 1.0 / pupil.filled_fraction(masks.pupil_radius_mm),
             masks: masks.clone(),
         };
@@ -244,7 +252,8 @@ impl PrescribedBand {
             slope: [rays.slope_x[n] - from(&ideal.slope, 0, n), rays.slope_y[n] - from(&ideal.slope, 1, n)],
         };
         let strays: Vec<Stray> = (0..starts.len()).filter(|n| rays.weight[*n] > 0.0).map(stray).collect();
-        ideal.strayed(&strays, [0.0; 2])
+        let facet_mm = STRAY_PER_PITCH * self.pitch_mm;
+        ideal.strayed(&strays, [facet_mm, facet_mm / self.masks.focal_length_mm])
     }
 
     /// Its rays from an image disc as polynomials.
@@ -273,25 +282,34 @@ impl PrescribedBand {
             .filter(is_open)
             .map(|point| ([0, 1].map(|k| (object_mm[k] - map.component(k, point[k], 0.0)) / map.per_image), point))
             .collect();
-        let shares = self.shares(&map, object_mm, &starts);
-        let light: f64 = shares.iter().map(|(share, _)| share).sum();
+        let arrivals = self.arrivals(&map, object_mm, &starts);
+        let light: f64 = arrivals.iter().flatten().map(|arrival| arrival.share).sum();
+        let ImagePoint { x_mm, y_mm } = behind_ideal.centroid;
         if light <= 0.0 {
             return PointImage { throughput: 0.0, ..behind_ideal };
         }
-        let added_mm = |n: usize| [0, 1].map(|k| shares[n].1[k] - starts[n].0[k]);
-        let mean_mm = [0, 1].map(|k| (0..starts.len()).map(|n| shares[n].0 * added_mm(n)[k]).sum::<f64>() / light);
-        let arrived = (0..starts.len()).filter(|n| shares[*n].0 > 0.0);
-        let ImagePoint { x_mm, y_mm } = behind_ideal.centroid;
+        let added: Vec<Added> = (starts.iter().zip(&arrivals))
+            .filter_map(|(start, arrival)| {
+                let Arrival { weight, image_mm, .. } = *arrival.as_ref()?;
+                Some(Added { pupil: start.1, added_mm: minus(image_mm, start.0), weight })
+            })
+            .collect();
+        // Of the ideal lens's rays the mean is where it images the point.
+        let count = starts.len() as f64;
+        let ideal_mm = [0, 1].map(|k| starts.iter().map(|start| start.0[k]).sum::<f64>() / count);
+        let moved_mm = |share: fn(&Arrival) -> f64| minus(mean_mm(&arrivals, share), ideal_mm);
+        let [dx_mm, dy_mm] = moved_mm(|arrival| arrival.share);
         PointImage {
             throughput: behind_ideal.throughput * light / (4 * rays_per_quadrant) as f64,
-            centroid: ImagePoint { x_mm: x_mm + mean_mm[0], y_mm: y_mm + mean_mm[1] },
-            spread: spread(object_mm, &arrived.map(|n| (starts[n].1, added_mm(n))).collect::<Vec<_>>()),
+            centroid: ImagePoint { x_mm: x_mm + dx_mm, y_mm: y_mm + dy_mm },
+            aberration_mm: moved_mm(|arrival| arrival.weight),
+            spread: spread(object_mm, &added),
         }
     }
 
-    /// Share and image point of every ray that meets an object point through the pupil points of `starts`, which say where
-    /// the ideal lens would image it; 0 for one that does not get through.
-    fn shares(&self, map: &Linear, object_mm: [f64; 3], starts: &[([f64; 2], [f64; 2])]) -> Vec<(f64, [f64; 2])> {
+    /// How every ray arrives that meets an object point through the pupil points of `starts`, which say where the ideal lens
+    /// would image it; `None` for one that does not get through.
+    fn arrivals(&self, map: &Linear, object_mm: [f64; 3], starts: &[([f64; 2], [f64; 2])]) -> Vec<Option<Arrival>> {
         let mut now = starts.to_vec();
         let mut rays = ObjectRays::default();
         let at = |rays: &ObjectRays, n: usize| {
@@ -319,17 +337,22 @@ impl PrescribedBand {
             moved.iter_mut().for_each(|(image_mm, _)| image_mm[axis] += DERIVATIVE_STEP_MM);
             let mut rays = ObjectRays::default();
             self.trace_through(&self.lens, &moved, &mut rays);
-            (0..moved.len()).map(|n| at(&rays, n)).collect::<Vec<_>>()
+            (0..moved.len()).map(|n| (rays.weight[n] > 0.0).then(|| at(&rays, n))).collect::<Vec<_>>()
         };
         let [by_x, by_y] = [0, 1].map(beside);
         let unit = map.per_image * map.per_image;
-        let share = |n: usize| {
-            let slope = |to: &[[f64; 2]]| [0, 1].map(|k| (to[n][k] - found[n][k]) / DERIVATIVE_STEP_MM);
-            let ([a, b], [c, d]) = (slope(&by_x), slope(&by_y));
-            let share = weight[n] * unit / (a * d - b * c).abs();
-            if is_there[n] && share.is_finite() { (share, now[n].0) } else { (0.0, starts[n].0) }
+        let arrival = |n: usize| {
+            let slope = |to: &[Option<[f64; 2]>]| to[n].map(|to| minus(to, found[n]).map(|mm| mm / DERIVATIVE_STEP_MM));
+            let determinant = match (slope(&by_x), slope(&by_y)) {
+                (Some([a, b]), Some([c, d])) => (a * d - b * c).abs(),
+                // A wall between facets next door says nothing about this ray.
+                _ => unit,
+            };
+            let share = weight[n] * unit / determinant;
+            let arrives = is_there[n] && share.is_finite() && share > 0.0;
+            arrives.then_some(Arrival { weight: weight[n], share, image_mm: now[n].0 })
         };
-        (0..now.len()).map(share).collect()
+        (0..now.len()).map(arrival).collect()
     }
 }
 
@@ -390,27 +413,20 @@ fn in_train(stop: Stop) -> Stop {
     Stop { centre_mm: [x_mm, -y_mm], ..stop }
 }
 
-/// How light is spread that arrives from pupil points farther than through the ideal lens, by the polynomial that comes
-/// nearest.
-fn spread([x_mm, y_mm, _]: [f64; 3], added: &[([f64; 2], [f64; 2])]) -> PointSpread {
-    let r_mm = x_mm.hypot(y_mm);
-    let [cos, sin] = if r_mm > 0.0 { [x_mm / r_mm, y_mm / r_mm] } else { [1.0, 0.0] };
-    // Along the radius and across it.
-    let turned = |[x, y]: [f64; 2]| [cos * x + sin * y, cos * y - sin * x];
-    let terms = |[u, v]: [f64; 2]| {
-        let cubic = u * u + v * v - 2.0 / 3.0;
-        [1.0, u, v, u * u, u * v, v * v, cubic * u, cubic * v]
-    };
-    let column = |k: usize| added.iter().map(|(pupil, _)| terms(turned(*pupil))[k]).collect();
-    let right = |k: usize| added.iter().map(|(_, added_mm)| turned(*added_mm)[k]).collect();
-    let factors_mm = least_squares((0..8).map(column).collect(), [right(0), right(1)]);
-    let [along, across] = [-factors_mm[1][0], -factors_mm[2][1]];
-    PointSpread {
-        growth_mm: 0.5 * (along + across),
-        stretch_mm: 0.5 * (along - across),
-        coma_mm: [factors_mm[3][0], factors_mm[5][0], factors_mm[4][1]],
-        spherical_mm: -0.5 * (factors_mm[6][0] + factors_mm[7][1]),
-    }
+/// A ray from an object point that arrives on the sensor.
+struct Arrival {
+    /// What it counts for a pixel there.
+    weight: f64,
+    /// What it counts of the light of the point.
+    share: f64,
+    image_mm: [f64; 2],
+}
+
+/// Mean place of arrivals.
+fn mean_mm(arrivals: &[Option<Arrival>], share: fn(&Arrival) -> f64) -> [f64; 2] {
+    let arrivals = || arrivals.iter().flatten();
+    let total: f64 = arrivals().map(share).sum();
+    [0, 1].map(|k| arrivals().map(|arrival| share(arrival) * arrival.image_mm[k]).sum::<f64>() / total)
 }
 
 /// How a ray ends, for a camera.

@@ -87,19 +87,15 @@ fn response(optics: &BandOptics, r_mm: f64, z_mm: f64) -> PointResponse {
     let object_mm = [r_mm, 0.0, z_mm];
     let image = optics.point_image(object_mm);
     let first_order = optics.projection().image(object_mm);
-    let lit = image.throughput > 0.0;
-    let ideal_mm = |object_mm: [f64; 3]| optics.ideal_point_image(object_mm).centroid.x_mm;
     // Signed along +x, so that the table stays smooth where a centroid crosses the axis.
-    let beyond = |reference_mm: f64| if lit { image.centroid.x_mm - reference_mm } else { 0.0 };
-    let own = (beyond(ideal_mm(object_mm)), image.spread);
+    let radial_deviation_mm = if image.throughput > 0.0 { image.centroid.x_mm - first_order.x_mm } else { 0.0 };
+    let own = (image.aberration_mm[0], image.spread);
     let (aberration_mm, spread) = if optics.is_centred() {
         own
     } else {
         // What masks off the axis add to one side of it they take from the other.
-        let object_mm = [-r_mm, 0.0, z_mm];
-        let other = optics.point_image(object_mm);
-        let outwards_mm = if other.throughput > 0.0 { ideal_mm(object_mm) - other.centroid.x_mm } else { own.0 };
-        (0.5 * (own.0 + outwards_mm), (own.1 + other.spread) * 0.5)
+        let other = optics.point_image([-r_mm, 0.0, z_mm]);
+        (0.5 * (own.0 - other.aberration_mm[0]), (own.1 + other.spread) * 0.5)
     };
-    PointResponse { throughput: image.throughput, radial_deviation_mm: beyond(first_order.x_mm), aberration_mm, spread }
+    PointResponse { throughput: image.throughput, radial_deviation_mm, aberration_mm, spread }
 }

@@ -1,7 +1,10 @@
 //! The Fresnel lens as a camera: rays kept count of, first order in the limit, and the response of points.
 
 use proptest::prelude::*;
-use twinpupil_instrument::{FresnelLens, Glass, GrooveSide, ImagePoint, Instrument, Lens, Prescription, paper};
+use twinpupil_instrument::{
+    FresnelLens, Glass, GrooveSide, ImagePoint, Instrument, Lens, Prescription, PrescriptionLens, PrescriptionSpec,
+    paper,
+};
 use twinpupil_optics::{
     BandOptics, Camera, Fate, ObjectRays, Ray, RayLedger, RayStarts, Rays, Train, response_grids, response_table_for,
 };
@@ -257,6 +260,43 @@ fn a_train_of_facets_has_the_rays_of_the_camera() {
             }
         }
         assert!(walls > 0);
+    }
+}
+
+/// The camera of a Fresnel lens, and the same one with the lens surface by surface.
+#[test]
+fn a_camera_of_facets_sees_as_the_fresnel_lens_does() {
+    let fresnel = instrument("image");
+    let Lens::Fresnel(lens) = &fresnel.lens else { panic!("a Fresnel lens") };
+    let mut spec = fresnel.clone().into_spec();
+    spec.lens = Lens::Prescription(Box::new(PrescriptionLens {
+        prescription: Some(PrescriptionSpec::clone(&prescription(lens, 100.0))),
+        design_wavelength_nm: lens.design_wavelength_nm,
+        ..PrescriptionLens::default()
+    }));
+    let facets = Instrument::new(spec).expect("a legal camera");
+    let [known, own] = [&fresnel, &facets].map(|instrument| Camera::new(instrument).expect("a camera"));
+    for (known, own) in known.bands().iter().zip(own.bands()) {
+        assert!((known.focal_length_mm() / own.focal_length_mm() - 1.0).abs() < 1e-9);
+        for k in 0..20_i32 {
+            let image_mm = [0.31 * f64::from(k) - 3.0, 0.17 * f64::from(k) - 1.2];
+            let [known, own] = [known, own].map(|band| trace(band, image_mm, &spiral(100)).0);
+            let arrived = (0..100).filter(|n| known.weight[*n] > 0.0 && own.weight[*n] > 0.0).collect::<Vec<_>>();
+            // At most a ray that grazes the edge of a mask or a wall may end otherwise.
+            let lost = |rays: &ObjectRays| rays.weight.iter().filter(|weight| **weight == 0.0).count();
+            assert!(lost(&known).abs_diff(lost(&own)) <= 1, "{image_mm:?}");
+            for n in arrived {
+                for (known, own) in [
+                    (known.x_mm[n], own.x_mm[n]),
+                    (known.y_mm[n], own.y_mm[n]),
+                    (known.slope_x[n], own.slope_x[n]),
+                    (known.slope_y[n], own.slope_y[n]),
+                    (known.weight[n], own.weight[n]),
+                ] {
+                    assert!((known - own).abs() < 1e-6, "{image_mm:?} {n}: {known} {own}");
+                }
+            }
+        }
     }
 }
 

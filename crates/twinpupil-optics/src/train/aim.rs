@@ -104,6 +104,16 @@ impl Train {
         aimed(&self.clear_to(stop), field, places_mm, stop_radius_mm)
     }
 
+    /// How far from its vertex a ray meets the stop, surface `stop` of the prescription, that comes from the field and crosses
+    /// the plane of the first vertex at a height; `None` if it does not get there. For the rim of the entrance pupil that
+    /// is the radius of the stop.
+    pub fn height_at_stop_mm(&self, stop: usize, field: Field, height_mm: f64) -> Option<f64> {
+        let mut rays: Rays = [field.ray([0.0, height_mm])].into_iter().collect();
+        self.clear_to(stop).trace(&mut rays);
+        let [x_mm, y_mm, _] = rays.ray(0).position_mm;
+        (rays.fate(0) == Fate::Arrived).then(|| x_mm.hypot(y_mm))
+    }
+
     /// The surfaces as far as the stop, clear everywhere.
     pub(crate) fn clear_to(&self, stop: usize) -> Self {
         let lens = self.faces.iter().filter(|face| face.clear.rings.is_none());

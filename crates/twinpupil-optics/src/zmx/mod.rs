@@ -23,6 +23,8 @@ pub struct ZmxLens {
     pub wavelengths_nm: Vec<f64>,
     /// What limits the beam, if the file says so.
     pub beam: Option<Beam>,
+    /// Whether the file aims its rays at a stop as wide as the paraxial marginal ray has it, and not as a real one does.
+    pub has_paraxial_stop: bool,
     /// Points of the field.
     pub fields: Vec<FieldPoint>,
     /// Catalogues in which its glasses are to be found, by name.
@@ -139,6 +141,7 @@ struct File {
     /// mm in a unit of the file.
     unit_mm: Option<f64>,
     beam: Option<Beam>,
+    has_paraxial_stop: bool,
     field_kind: usize,
     field_count: Option<usize>,
     wavelength_count: Option<usize>,
@@ -164,6 +167,8 @@ impl File {
             "FNUM" => self.beam = Some(Beam::FNumber { f_number: line.number(0)? }),
             "OBNA" => self.beam = Some(Beam::ObjectAperture { sine: line.number(0)? }),
             "FLOA" => self.beam = Some(Beam::Stop),
+            // Its second value: 0, rays are not aimed; 1, at the paraxial stop; 2, at the real one.
+            "RAIM" => self.has_paraxial_stop = line.number_or_zero(1)? == 1.0,
             "FTYP" => self.take_counts(line)?,
             "XFLN" | "XFLD" => self.field_x = line.numbers()?,
             "YFLN" | "YFLD" => self.field_y = line.numbers()?,
@@ -239,6 +244,7 @@ impl File {
                 Beam::EntrancePupil { diameter_mm } => Beam::EntrancePupil { diameter_mm: diameter_mm * scale_mm },
                 other => other,
             }),
+            has_paraxial_stop: self.has_paraxial_stop,
             fields: self.fields(scale_mm),
             catalogues: self.catalogues,
         })

@@ -81,6 +81,16 @@ fn a_cooke_triplet_reads_in_every_encoding() {
 }
 
 #[test]
+fn rays_aimed_at_the_paraxial_stop_are_told_from_those_at_the_real_one() {
+    let asked = |raim: &str| read(&COOKE.replace("UNIT MM", &format!("RAIM {raim}\nUNIT MM"))).has_paraxial_stop;
+    assert_eq!(
+        ["0 0 1 1 0 0 0 0 0 1", "0 1 1 1 0 0 0 0 0 1", "0 2 1 1 0 1 0 0 0", "0"].map(asked),
+        [false, true, false, false]
+    );
+    assert!(!read(COOKE).has_paraxial_stop);
+}
+
+#[test]
 fn a_lens_in_inches_is_as_long_in_mm() {
     let inches = read(&COOKE.replace("UNIT MM", "UNIT IN"));
     let (mm, inches) = (train(&read(COOKE)).first_order(Some(3)), train(&inches).first_order(Some(3)));

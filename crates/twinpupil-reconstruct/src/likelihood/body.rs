@@ -124,6 +124,11 @@ impl BandLight {
         let step = covariance * score;
         // What the dot's own step left of it.
         let left = step - self.step.fixed_rows::<3>(0);
+        // What the model of the lens leaves is no contradiction.
+        let judged = match &self.spot.smear {
+            Some(smear) => (covariance + smear.left_px2().fixed_view::<3, 3>(0, 0)).try_inverse()?,
+            None => information,
+        };
         // The centre is that of the dot, not of its light.
         let [du, dv] = shift_px(&self.spot, self.illumination_slope);
         let [u, v] = [self.spot.centre_px[0] - du, self.spot.centre_px[1] - dv];
@@ -131,8 +136,15 @@ impl BandLight {
             centre: PixelPoint { u: u + step.x, v: v + step.y },
             std_px: [covariance[(0, 0)].max(0.0).sqrt(), covariance[(1, 1)].max(0.0).sqrt()],
             radius_px: self.spot.radius_px + step.z,
-            chi2: left.dot(&(information * left)).max(0.0),
+            chi2: left.dot(&(judged * left)).max(0.0),
         })
+    }
+
+    /// What the model of a lens leaves of the place and diameter of a dot, given what noise does: `G E Gᵀ` with E of the
+    /// image and `G = C Jᵀ I`, C the covariance from noise and I the information on the image. `None` for an ideal lens.
+    pub(crate) fn left_mm2(&self, noise_mm2: &Matrix4<f64>) -> Option<Matrix4<f64>> {
+        let gain = noise_mm2 * self.jacobian.transpose() * self.shape?.information;
+        Some(gain * self.spot.smear.as_ref()?.left_px2() * gain.transpose())
     }
 
     /// Area of the dot's image over that of the same dot across the axis: it is foreshortened, and magnified by what its

@@ -25,11 +25,13 @@ pub(crate) struct Departure {
     pub(crate) shift_per_mm: Vector2,
     /// To its magnification.
     pub(crate) growth: Matrix2,
-    /// To the image of its middle, and what it adds more to that of the outermost point of its rim.
+    /// To the images of its points: on the average over its rim, and more at the outermost point of that.
     pub(crate) spread: PointSpread,
     pub(crate) outer: PointSpread,
     /// Away from the axis.
     pub(crate) outwards: Vector2,
+    /// Its distance from there, and its radius, in parts of their sum.
+    pub(crate) away: Vector2,
 }
 
 impl Departures {
@@ -43,28 +45,38 @@ impl Departures {
 
     /// Of a dot, from four points of its rim: the two on its own radius and the two beside its centre.
     ///
-    /// The mean of what the lens does to the four is what it does to the place of the rim, and their differences tell how
-    /// the rim grows, along the radius and across it. A lens that adds k r³ takes the rim of a dot of radius ρ at r farther
-    /// out by k r (r² + 2 ρ²), and so do these.
+    /// An edge moves along its normal alone, so the mean of what the lens does to the two on the radius is what it does to
+    /// the place of the rim; the differences of the four tell how the rim grows, along the radius and across it. A lens
+    /// that adds k r³ moves the edges of a dot of radius ρ at r as if it went farther out by k r (r² + 3 ρ²), and so do
+    /// these.
     pub(crate) fn of_dot(&self, dot: &Dot) -> Departure {
         let [x_mm, y_mm, z_mm] = dot.centre_mm;
         let (r_mm, rho_mm) = ((x_mm * x_mm + y_mm * y_mm).sqrt(), (0.5 * dot.diameter_mm).max(LEAST_MM));
         let [x, y] = if r_mm > 0.0 { [x_mm / r_mm, y_mm / r_mm] } else { [1.0, 0.0] };
         let beside_mm = (r_mm * r_mm + rho_mm * rho_mm).sqrt();
-        let (outer_mm, inner_mm) = (self.outwards_mm(r_mm + rho_mm, z_mm), self.outwards_mm(r_mm - rho_mm, z_mm));
+        // A tilted rim meets the radius nearer to its middle, and not at its distance.
+        let steepness = dot.slopes[0] * x + dot.slopes[1] * y;
+        let rim_mm = rho_mm / (1.0 + steepness * steepness).sqrt();
+        let deeper_mm = rim_mm * steepness;
+        let [outer_mm, inner_mm] =
+            [1.0, -1.0].map(|side| self.outwards_mm(r_mm + side * rim_mm, z_mm + side * deeper_mm));
+        let outwards_mm = 0.5 * (outer_mm + inner_mm);
         let across = self.outwards_mm(beside_mm, z_mm) / beside_mm;
-        let along = (outer_mm - inner_mm) / (2.0 * rho_mm);
-        let outwards_mm = 0.25 * (outer_mm + inner_mm) + 0.5 * across * r_mm;
+        let along = (self.outwards_mm(r_mm + rho_mm, z_mm) - self.outwards_mm(r_mm - rho_mm, z_mm)) / (2.0 * rho_mm);
         let [nearer_mm, farther_mm] = [-STEP_MM, STEP_MM].map(|step_mm| self.outwards_mm(r_mm, z_mm + step_mm));
         let per_mm = (farther_mm - nearer_mm) / (2.0 * STEP_MM);
         let off = (along - across) * x * y;
+        let [outer, inner] = [1.0, -1.0].map(|side| self.spread((r_mm + side * rim_mm).abs(), z_mm + side * deeper_mm));
+        let [middle, beside] = [r_mm, beside_mm].map(|r_mm| self.spread(r_mm, z_mm));
+        let growth_mm = 0.25 * (outer.growth_mm + inner.growth_mm) + 0.5 * beside.growth_mm;
         Departure {
             shift_mm: [outwards_mm * x, outwards_mm * y],
             shift_per_mm: [per_mm * x, per_mm * y],
             growth: [[across + (along - across) * x * x, off], [off, across + (along - across) * y * y]],
-            spread: self.spread(r_mm, z_mm),
-            outer: (self.spread(r_mm + rho_mm, z_mm) + self.spread((r_mm - rho_mm).max(0.0), z_mm) * -1.0) * 0.5,
+            spread: PointSpread { growth_mm, ..middle },
+            outer: (outer + inner * -1.0) * 0.5,
             outwards: [x, y],
+            away: [r_mm, rho_mm].map(|mm| mm / (r_mm + rho_mm)),
         }
     }
 
@@ -125,8 +137,8 @@ mod tests {
         let departures = Departures::of(&table, 0).unwrap();
         let dot = Dot { centre_mm: [3.0, 4.0, 300.0], diameter_mm: 1.0, slopes: [0.0; 2] };
         let found = departures.of_dot(&dot);
-        // ⟨|X|² X⟩ over the rim, and the Jacobian of |X|² X, (|X|² + 2 X Xᵀ), a ρ²-th changed.
-        let square = 25.0 + 2.0 * 0.25;
+        // 2 ⟨n·|X|²X n⟩ over the rim, and the Jacobian of |X|² X, (|X|² + 2 X Xᵀ), a ρ²-th changed.
+        let square = 25.0 + 3.0 * 0.25;
         for (k, centre_mm) in [3.0, 4.0].into_iter().enumerate() {
             assert!((found.shift_mm[k] - K * centre_mm * square).abs() < 1e-8, "{found:?}");
             assert!((found.shift_per_mm[k] - K * centre_mm * 25.0 / 300.0).abs() < 1e-8, "{found:?}");

@@ -71,9 +71,11 @@ impl Spot {
         if let Some(smear) = &mut self.smear {
             smear.outwards = times(turn, smear.outwards);
             smear.stretch_px = smear.stretch_px.map(|px| px * scale);
-            smear.growth_px *= scale;
-            smear.coma_px = smear.coma_px.map(|px| px * scale);
+            smear.blur_px = smear.blur_px.map(|px| px * scale);
+            smear.coma_px = smear.coma_px.map(|coma_px| coma_px.map(|px| px * scale));
             smear.spherical_px *= scale;
+            smear.light_px *= scale;
+            smear.left_px *= scale;
         }
         self.shape = product(slope.map(|row| row.map(|entry| entry / px_per_mm)), self.shape);
         self.inverse = inverse(self.shape);

@@ -337,7 +337,9 @@ fn refined(bodies: &[Body], couplings: &[Vec<Coupling>], index: usize, patch: &m
     let FitQuality { used, masked: masked_px, chi2 } = body.quality;
     let unknowns = 4 + 2 * body.bands.iter().flatten().count();
     let reduced_chi2 = chi2 / used.saturating_sub(unknowns).max(1) as f64;
-    let covariance_mm2 = covariance(bodies, couplings, index, patch)? * reduced_chi2.max(1.0);
+    let noise_mm2 = covariance(bodies, couplings, index, patch)?;
+    let left_mm2 = body.bands.iter().flatten().filter_map(|light| light.left_mm2(&noise_mm2));
+    let covariance_mm2 = left_mm2.fold(noise_mm2 * reduced_chi2.max(1.0), |sum, left| sum + left);
     let misfits = body.bands.iter().flatten().map(|light| {
         let normal = &light.normal;
         let excess = (normal.chi2 / normal.used.max(1) as f64 - 1.0).max(0.0);

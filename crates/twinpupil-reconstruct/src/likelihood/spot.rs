@@ -99,9 +99,10 @@ impl Spot {
             ways: Ways::new(),
             axis_px: raster.axis_px,
             pitch_mm: raster.pitch_mm,
-            smear: departure.map(|departure| departure.smear(per_px, image.blur_mm.signum())),
+            smear: departure.map(|departure| departure.smear(per_px, image.blur_mm)),
             bend: None,
         };
+        let widened = spot.widen();
         spot.ways = pencil.ways_at(spot.image_mm(centre_px), spot.reach_px() * raster.pitch_mm);
         // What the lens adds changes too little across a step to count.
         let per_mm = image.magnification * per_px;
@@ -121,10 +122,19 @@ impl Spot {
             0.5 * image.magnification.abs() * per_px,
             0.0,
             0.0,
-            change.blur_mm * per_px,
+            widened * change.blur_mm * per_px,
             0.0,
         );
         (spot, jacobian)
+    }
+
+    /// Takes the blur of the even disc that is as wide as its smear; how that grows with the blur that it had.
+    fn widen(&mut self) -> f64 {
+        let Some(smear) = &self.smear else { return 1.0 };
+        let blur_px = smear.even_blur_px().copysign(self.blur_px);
+        let growth = if blur_px == 0.0 { 1.0 } else { self.blur_px / blur_px };
+        self.blur_px = blur_px;
+        growth
     }
 
     /// Adds a blur.
@@ -233,14 +243,19 @@ impl Imaging {
 }
 
 impl Departure {
-    /// `sign` is that of the blur.
-    fn smear(&self, per_px: f64, sign: f64) -> Smear {
+    /// `blur_mm` is the signed radius of the image of its middle.
+    fn smear(&self, per_px: f64, blur_mm: f64) -> Smear {
+        let (sign, parts) = (blur_mm.signum(), [self.spread, self.outer]);
         Smear {
             outwards: self.outwards,
-            stretch_px: [self.spread.stretch_mm, self.outer.stretch_mm].map(|mm| sign * mm * per_px),
-            growth_px: sign * self.outer.growth_mm * per_px,
-            coma_px: self.spread.coma_mm.map(|mm| mm * per_px),
+            blur_px: [blur_mm, self.outer.growth_mm].map(|mm| sign * mm * per_px),
+            stretch_px: parts.map(|part| sign * part.stretch_mm * per_px),
+            coma_px: parts.map(|part| part.coma_mm.map(|mm| mm * per_px)),
             spherical_px: sign * self.spread.spherical_mm * per_px,
+            // What passes the pupil at w arrives at −B w.
+            light_px: -self.spread.light_growth * blur_mm * per_px,
+            left_px: self.spread.left_mm * per_px,
+            away: self.away,
         }
     }
 

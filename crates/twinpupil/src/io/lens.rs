@@ -17,6 +17,8 @@ pub struct LensFile {
     pub wavelengths_nm: Vec<f64>,
     /// What limits the beam.
     pub beam: Option<Beam>,
+    /// Whether the stop is as wide as paraxial rays have that beam.
+    pub has_paraxial_stop: bool,
     /// Points of the field.
     pub fields: Vec<FieldPoint>,
 }
@@ -30,10 +32,12 @@ pub fn read_lens(path: &Path) -> Result<LensFile> {
     if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("zmx")) {
         let lens = ZmxLens::read(&input::read_bytes(path)?).with_context(name)?;
         let wavelengths_nm = if lens.wavelengths_nm.is_empty() { WAVELENGTHS_NM.to_vec() } else { lens.wavelengths_nm };
-        return Ok(LensFile { prescription: lens.prescription, wavelengths_nm, beam: lens.beam, fields: lens.fields });
+        let ZmxLens { prescription, beam, has_paraxial_stop, fields, .. } = lens;
+        return Ok(LensFile { prescription, wavelengths_nm, beam, has_paraxial_stop, fields });
     }
     let prescription = Prescription::from_toml(&input::read_text(path)?).with_context(name)?;
-    Ok(LensFile { prescription, wavelengths_nm: WAVELENGTHS_NM.to_vec(), beam: None, fields: Vec::new() })
+    let wavelengths_nm = WAVELENGTHS_NM.to_vec();
+    Ok(LensFile { prescription, wavelengths_nm, beam: None, has_paraxial_stop: false, fields: Vec::new() })
 }
 
 /// Reads a lens and puts what it needs of AGF catalogues among its own materials, so that it stands for itself.

@@ -55,6 +55,8 @@ pub(super) struct Used {
     pub(super) first_order: FirstOrder,
     /// Diameter of the entrance pupil, mm, if anything limits the beam.
     pub(super) pupil_mm: Option<f64>,
+    /// Whether that is how close rays see the stop.
+    has_paraxial_stop: bool,
     /// Slope of the chief ray before the lens at the edge of the field.
     pub(super) field_slope: f64,
 }
@@ -72,11 +74,14 @@ impl Used {
         let trains = trains.with_context(|| args.lens.display().to_string())?;
         let first_order = trains[0].first_order(file.prescription.stop());
         let pupil_mm = args.pupil_mm.or_else(|| pupil_mm(&file, &first_order));
+        // The stop itself, if nothing else is stated, is as wide as it is.
+        let is_stop = args.pupil_mm.is_none() && matches!(file.beam, Some(Beam::Stop) | None);
+        let has_paraxial_stop = is_stop || file.has_paraxial_stop;
         let field_slope = match args.field_deg {
             Some(deg) => deg.to_radians().tan(),
             None => file.fields.iter().map(|field| slope(*field, &file, &first_order)).fold(0.0, f64::max),
         };
-        Ok(Self { file, trains, first_order, pupil_mm, field_slope })
+        Ok(Self { file, trains, first_order, pupil_mm, has_paraxial_stop, field_slope })
     }
 
     /// The trains of the shortest and the longest wavelength.
@@ -101,11 +106,22 @@ impl Used {
 
     /// The lens at one of its wavelengths, through its stop.
     pub(super) fn imager(&self, colour: usize) -> Result<Imager> {
-        let radius_mm = 0.5 * self.pupil_mm()?;
-        let stop = self.file.prescription.stop().zip(self.first_order.entrance_pupil);
-        let stop_radius_mm = stop.map_or(radius_mm, |(_, pupil)| radius_mm / pupil.magnification.abs());
+        let (stop, stop_radius_mm) = (self.file.prescription.stop(), self.stop_radius_mm()?);
         let (train, wavelength_nm) = (self.trains[colour].clone(), self.file.wavelengths_nm[colour]);
-        Ok(Imager::through_stop(train, wavelength_nm, stop.map(|(stop, _)| stop), stop_radius_mm))
+        Ok(Imager::through_stop(train, wavelength_nm, stop, stop_radius_mm))
+    }
+
+    /// Radius of the stop, mm: where what limits the beam is stated in front of the lens, as wide as the marginal ray of the
+    /// primary wavelength has it, a real one unless the file asks for a paraxial one.
+    fn stop_radius_mm(&self) -> Result<f64> {
+        let pupil_mm = self.pupil_mm()?;
+        let Some((stop, pupil)) = self.file.prescription.stop().zip(self.first_order.entrance_pupil) else {
+            return Ok(0.5 * pupil_mm);
+        };
+        let marginal = self.first_order.marginal_ray(pupil_mm, self.file.prescription.object_distance_mm);
+        let real_mm = || self.trains[0].height_at_stop_mm(stop, self.field(0.0), marginal.height_mm);
+        let paraxial_mm = 0.5 * pupil_mm / pupil.magnification.abs();
+        Ok(if self.has_paraxial_stop { None } else { real_mm() }.unwrap_or(paraxial_mm))
     }
 
     /// The point of the field along y whose chief ray has that slope.
