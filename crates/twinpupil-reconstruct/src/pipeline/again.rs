@@ -12,7 +12,7 @@ use crate::quantile::median;
 /// come away from.
 const CONTRADICTED: f64 = 25.0;
 
-/// Where its pixels are explained by so much worse than those of others besides, it is not the place.
+/// Where its pixels are explained by so much worse than those of others besides, moments that are surer tell the place.
 const WORSE: f64 = 1.15;
 
 /// Whether another start may lead a point to a better place.
@@ -23,8 +23,8 @@ pub(super) fn is_in_doubt(place: Option<&Placed>, is_other: bool) -> bool {
 }
 
 impl Reconstructor {
-    /// Fits all dots once more, those in doubt from where their moments lead on the surface that the others show. What the pixels
-    /// then explain better is taken; the others stay what they were, those that were none of a disc where their moments are.
+    /// Fits all dots once more, those in doubt from where their moments lead on the surface that the others show. What explains the
+    /// pixels better is taken; those that are none of a disc stay where their moments are.
     pub(super) fn try_again(
         &self,
         planes: &[(PlaneView<'_>, Noise)],
@@ -55,7 +55,11 @@ impl Reconstructor {
                 self.place(&mut placed, &again);
                 placed
             });
-            let is_right = |found: &Placed| !is_in_doubt(Some(found), false) || chi2(found) < WORSE * typical;
+            let by_moments_mm = placed.point.std_mm[2];
+            let is_right = |found: &Placed| {
+                let is_explained = !is_in_doubt(Some(found), false) || chi2(found) < WORSE * typical;
+                is_explained || found.point.std_mm[2] < by_moments_mm
+            };
             again.or(first).filter(is_right).into_iter().for_each(|found| *placed = found);
         }
     }

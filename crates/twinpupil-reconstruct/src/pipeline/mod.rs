@@ -3,6 +3,7 @@
 mod again;
 mod agreement;
 mod late;
+mod merged;
 mod seeds;
 mod shape;
 
@@ -408,6 +409,9 @@ impl Reconstructor {
             .map(|(detection, (_, noise))| detection.background_codes - noise.black_level)
             .collect();
         self.fit(planes, detections, &background, placing, fitting);
+        if self.divide_merged(detections, placing, fitting) {
+            self.fit(planes, detections, &background, placing, fitting);
+        }
         if self.pair_late(detections, placing, fitting) {
             self.fit(planes, detections, &background, placing, fitting);
         }
