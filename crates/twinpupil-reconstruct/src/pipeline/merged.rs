@@ -27,6 +27,9 @@ impl Reconstructor {
         let Fitting { lone, .. } = fitting;
         lone.retain(|lone| !placing.groups.iter().any(|group| group.feature(lone.band) == Some(lone.feature)));
         let of_band = |band: usize| lone.iter().filter(move |lone| lone.band == band).map(|lone| lone.feature);
+        if [0, 1].into_iter().any(|band| of_band(band).next().is_none()) {
+            return false;
+        }
         let points_mm: Vec<[f64; 3]> = placing.points.iter().flatten().map(|placed| placed.point.position_mm).collect();
         placing.slopes.lay_through(points_mm.iter().copied());
         let before = placing.groups.len();
