@@ -1,6 +1,8 @@
 //! Dots whose images one band shows as one and the other apart.
 
-use super::{Fitting, Placing, Reconstructor};
+use smallvec::SmallVec;
+
+use super::{Fitting, Placed, Placing, Reconstructor};
 use crate::detect::{Detection, Feature};
 use crate::further::Group;
 use crate::matching::Match;
@@ -30,19 +32,18 @@ impl Reconstructor {
         if [0, 1].into_iter().any(|band| of_band(band).next().is_none()) {
             return false;
         }
-        let points_mm: Vec<[f64; 3]> = placing.points.iter().flatten().map(|placed| placed.point.position_mm).collect();
-        placing.slopes.lay_through(points_mm.iter().copied());
+        placing.slopes.lay_through(placing.points.iter().flatten().map(|placed| placed.point.position_mm));
         let before = placing.groups.len();
         for (merged, apart) in [(0, 1), (1, 0)] {
-            let predicted: Vec<(usize, Feature)> = of_band(apart)
+            let predicted: SmallVec<[(usize, Feature); PARTS_MAX]> = of_band(apart)
                 .filter_map(|index| {
                     let feature = &detections[apart].features[index];
-                    Some((index, self.partner(apart, merged, feature, &mut placing.slopes, &points_mm)?))
+                    Some((index, self.partner(apart, merged, feature, &mut placing.slopes, &placing.points)?))
                 })
                 .collect();
             for whole in of_band(merged) {
                 let own = detections[merged].features[whole];
-                let parts: Vec<(usize, Feature)> =
+                let parts: SmallVec<[(usize, Feature); PARTS_MAX]> =
                     predicted.iter().filter(|(_, part)| lies_within(part, &own)).copied().collect();
                 let area_px: f64 = parts.iter().map(|(_, part)| part.area_px).sum();
                 let fills = (own.area_px / area_px).max(area_px / own.area_px) < AREA_FACTOR;
@@ -78,7 +79,7 @@ impl Reconstructor {
         other: usize,
         feature: &Feature,
         slopes: &mut Slopes,
-        points_mm: &[[f64; 3]],
+        points: &[Option<Placed>],
     ) -> Option<Feature> {
         const ROUNDS: usize = 6;
         let sensor = &self.instrument.sensor;
@@ -87,8 +88,9 @@ impl Reconstructor {
         for _ in 0..ROUNDS {
             let magnification = self.model.magnification(band, place_mm[2]);
             let [x_mm, y_mm] = [image.x_mm / magnification, image.y_mm / magnification];
-            let away_mm2 = |point_mm: &&[f64; 3]| (point_mm[0] - x_mm).powi(2) + (point_mm[1] - y_mm).powi(2);
-            let near_mm = points_mm.iter().min_by(|a, b| away_mm2(a).total_cmp(&away_mm2(b)))?;
+            let away_mm2 = |point_mm: &[f64; 3]| (point_mm[0] - x_mm).powi(2) + (point_mm[1] - y_mm).powi(2);
+            let all_mm = points.iter().flatten().map(|placed| placed.point.position_mm);
+            let near_mm = all_mm.min_by(|a, b| away_mm2(a).total_cmp(&away_mm2(b)))?;
             let [sx, sy] = slopes.at([x_mm, y_mm, place_mm[2]])?;
             place_mm = [x_mm, y_mm, near_mm[2] + sx * (x_mm - near_mm[0]) + sy * (y_mm - near_mm[1])];
         }
