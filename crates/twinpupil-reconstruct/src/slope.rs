@@ -2,18 +2,23 @@
 
 use crate::cells::Cells;
 
-/// Neighbours through which a plane is laid, the point itself included; and more of them, where the surface is flat as far
-/// as they reach: their plane is known better.
+/// Neighbours through which a plane is laid, the point itself included; and more of them, where their plane is known better:
+/// where the surface is flat as far as they reach, or where the nearest are not in their places yet.
 const NEAR: usize = 9;
 const AROUND: usize = 25;
 
-/// The surface is flat about a point if more neighbours scatter about their plane with no more than so many times the
-/// variance of the nearest: about one in ten flat ones seems otherwise.
-const FLAT: f64 = 4.0;
-
 /// A slope is believed if its deviation, from the scatter of the neighbours about their plane, is below this: what is
-/// then left of the error of a tilted disc is about the noise.
+/// then left of the error of a tilted disc is about the noise. A steep one is better believed than left out if its deviation is
+/// below this share of it.
 const SLOPE_STD_MAX: f64 = 0.1;
+const SLOPE_SHARE_MAX: f64 = 0.2;
+
+/// Where a slope's deviation is above this, points about it are not in their places yet: then one plane through points of the
+/// whole frame may be known better, however the surface bends.
+const ROUGH_SLOPE_STD: f64 = 0.005;
+
+/// Points of the whole frame through which a plane is laid, at most.
+const OVERALL: usize = 100;
 
 /// Points near a place, with the squares of their distances.
 type Nearest = Vec<(f64, u32)>;
@@ -35,6 +40,9 @@ pub(crate) struct Slopes {
     near: Nearest,
     /// For every point the points about it, as many for each; those nearest to it first.
     lists: Vec<u32>,
+    /// The plane through points of the whole frame, once they have moved.
+    overall: Option<Fit>,
+    sample_mm: Vec<[f64; 3]>,
 }
 
 impl Slopes {
@@ -48,6 +56,7 @@ impl Slopes {
         self.is_sure.resize(self.points_mm.len(), true);
         self.cells.fill(self.points_mm.iter().map(|point_mm| [point_mm[0], point_mm[1]]), CROWD);
         self.lists.clear();
+        self.overall = None;
     }
 
     /// Finds what stands about every point, for points that stay about where they are.
@@ -63,14 +72,20 @@ impl Slopes {
     pub(crate) fn renew(&mut self, points_mm: impl Iterator<Item = ([f64; 3], bool)>) {
         let places = self.points_mm.iter_mut().zip(&mut self.is_sure);
         places.zip(points_mm).for_each(|((place_mm, is_sure), new)| (*place_mm, *is_sure) = new);
+        let Self { points_mm, is_sure, sample_mm, .. } = self;
+        let sure_mm =
+            || points_mm.iter().zip(&*is_sure).filter(|(_, is_sure)| **is_sure).map(|(point_mm, _)| *point_mm);
+        sample_mm.clear();
+        sample_mm.extend(sure_mm().step_by(sure_mm().count().div_ceil(OVERALL).max(1)));
+        self.overall = sample_mm.first().copied().and_then(|origin_mm| Fit::through(sample_mm, origin_mm));
     }
 
     /// Slopes dz/dx and dz/dy at a place; `None` where the nearest points do not lie on a plane.
     pub(crate) fn at(&mut self, place_mm: [f64; 3]) -> Option<[f64; 2]> {
-        let Self { points_mm, is_sure, cells, near, .. } = self;
+        let Self { points_mm, is_sure, cells, near, overall, .. } = self;
         find_nearest(points_mm, cells, place_mm, near);
         let sure = near.iter().map(|(_, index)| *index as usize).filter(|index| is_sure[*index]);
-        slopes_of(sure.map(|index| points_mm[index]), place_mm)
+        slopes_of(sure.map(|index| points_mm[index]), place_mm, *overall)
     }
 
     /// The same at a point that is known.
@@ -78,7 +93,7 @@ impl Slopes {
         let count = AROUND.min(self.points_mm.len());
         let list = self.lists.get(index * count..(index + 1) * count)?.iter().map(|other| *other as usize);
         let sure_mm = list.filter(|other| self.is_sure[*other]).map(|other| self.points_mm[other]);
-        slopes_of(sure_mm, self.points_mm[index])
+        slopes_of(sure_mm, self.points_mm[index], self.overall)
     }
 }
 
@@ -142,20 +157,26 @@ fn keep_nearest(found: &mut Nearest, count: usize) -> f64 {
     found.iter().map(|(distance_mm2, _)| *distance_mm2).fold(0.0, f64::max)
 }
 
-/// Slopes of the surface about a place: of the plane through the points about it if that is as flat as the one through
-/// those nearest to it, which come first, else of the latter.
-fn slopes_of(about_mm: impl Iterator<Item = [f64; 3]>, place_mm: [f64; 3]) -> Option<[f64; 2]> {
+/// Slopes of the surface about a place: of the plane through the points about it, or of that through those nearest to it, which
+/// come first; by the scatter about it, whichever is known better.
+///
+/// A curved surface scatters more as more of it is taken. By scatter alone, few points that happen to lie on some plane would
+/// count for more than many whose places are still rough.
+fn slopes_of(about_mm: impl Iterator<Item = [f64; 3]>, place_mm: [f64; 3], overall: Option<Fit>) -> Option<[f64; 2]> {
     let mut points_mm = [[0.0; 3]; AROUND];
     let count = points_mm.iter_mut().zip(about_mm).map(|(point_mm, about_mm)| *point_mm = about_mm).count();
     let (mut near_mm, mut all_mm) = (points_mm, points_mm);
     let near = Fit::through(&mut near_mm[..count.min(NEAR)], place_mm);
     let all = if count > NEAR { Fit::through(&mut all_mm[..count], place_mm) } else { None };
-    let flat = all.filter(|all| near.as_ref().is_none_or(|near| all.scatter_mm2 < FLAT * near.scatter_mm2));
-    let fit = flat.or(near)?;
-    (fit.slope_std() < SLOPE_STD_MAX).then_some(fit.plane.slopes)
+    let std = |fit: Option<Fit>| fit.map_or(f64::INFINITY, |fit| fit.slope_std());
+    let local = if std(all) < std(near) { all } else { near };
+    let is_rough = std(local) > ROUGH_SLOPE_STD && std(overall) < std(local);
+    let fit = if is_rough { overall } else { local };
+    fit.filter(Fit::is_believed).map(|fit| fit.plane.slopes)
 }
 
 /// A plane through points, and how they scatter about it.
+#[derive(Debug, Clone, Copy)]
 struct Fit {
     plane: Plane,
     scatter_mm2: f64,
@@ -171,7 +192,7 @@ impl Fit {
         if kept < FEWEST {
             return None;
         }
-        let mut off_mm = [0.0; AROUND];
+        let mut off_mm = [0.0; OVERALL];
         off_mm.iter_mut().zip(&*points_mm).for_each(|(off_mm, point_mm)| *off_mm = first.off_mm(point_mm).abs());
         for last in (kept..count).rev() {
             let farthest = (0..last).fold(last, |farthest, k| if off_mm[k] > off_mm[farthest] { k } else { farthest });
@@ -184,6 +205,11 @@ impl Fit {
         Some(Self { plane, scatter_mm2: squares / (kept - 3) as f64 })
     }
 
+    fn is_believed(&self) -> bool {
+        let [sx, sy] = self.plane.slopes;
+        self.slope_std() < SLOPE_STD_MAX.max(SLOPE_SHARE_MAX * (sx * sx + sy * sy).sqrt())
+    }
+
     /// Deviation of the steeper slope, from the scatter of the points: it must be the surface that is flat.
     fn slope_std(&self) -> f64 {
         (self.scatter_mm2 * self.plane.variance).sqrt()
@@ -191,6 +217,7 @@ impl Fit {
 }
 
 /// A plane `z = z₀ + s·(x − x₀)` by least squares.
+#[derive(Debug, Clone, Copy)]
 struct Plane {
     origin_mm: [f64; 3],
     slopes: [f64; 2],
@@ -261,6 +288,19 @@ mod tests {
     fn scattered_points_have_none() {
         let slopes = slopes_at(&points(|x, y| 300.0 + 20.0 * (7.1 * x + 3.3 * y).sin()));
         assert!(slopes.iter().all(|slope| *slope == [0.0; 2]));
+    }
+
+    #[test]
+    fn points_in_rough_places_take_the_plane_of_all() {
+        let rough_mm = points(|x, y| 300.0 + 0.2 * x - 1.1 * y + 0.5 * (37.0 * x + 11.0 * y * y).sin());
+        let mut slopes = Slopes::default();
+        slopes.lay_through(rough_mm.iter().copied());
+        slopes.get_to_know();
+        slopes.renew(rough_mm.iter().map(|point_mm| (*point_mm, true)));
+        for index in 0..rough_mm.len() {
+            let [sx, sy] = slopes.at_known(index).expect("a plane");
+            assert!((sx - 0.2).abs() < 0.1 && (sy + 1.1).abs() < 0.1, "{index}: {sx} {sy}");
+        }
     }
 
     #[test]

@@ -30,6 +30,11 @@ pub(crate) struct Body {
     /// Size of the last step in standard deviations, and that of its position alone.
     pub(crate) step_sigmas: f64,
     pub(crate) moved_sigmas: f64,
+    /// The step that was asked for before, and how many times its length was taken.
+    last_step: Vector4<f64>,
+    gain: f64,
+    /// The length of the last step over that of the one before, if little but the step has changed.
+    pace: f64,
     /// How far its edges moved last, over their widths.
     pub(crate) stride: f64,
     /// The same of what its slopes did to them since.
@@ -192,6 +197,7 @@ const APPROACH: usize = 4;
 
 /// Rounds after which pixels that do not fit are left out, come what may.
 const PATIENCE: usize = 6;
+const PATIENCE_LEANING: usize = 10;
 const PATIENCE_SATURATED: usize = 11;
 
 /// When the next step is foreseen to be this small, in standard deviations, or with so little χ² a pixel, a dot is so near
@@ -208,6 +214,14 @@ const LAST_SIGMAS: (f64, f64) = (0.2, 0.5);
 /// The next step over the last one and its stride.
 const BEND: f64 = 2.0;
 
+/// Steps that are longer than this share of those before them lead towards a place farther off, and are lengthened by no more
+/// than so many times: where masks cut a dot's light, what its equations leave out may be most of it.
+const SLOW: f64 = 0.3;
+const GAIN_MAX: f64 = 3.0;
+
+/// Steps below this tell nothing of those that follow.
+const SMALL_SIGMAS: f64 = 2.0;
+
 impl Body {
     pub(crate) fn new(dot: Dot, prior: Option<Prior>, doubtful: bool) -> Self {
         Self {
@@ -219,6 +233,9 @@ impl Body {
             equations: None,
             step_sigmas: f64::INFINITY,
             moved_sigmas: f64::INFINITY,
+            last_step: Vector4::zeros(),
+            gain: 1.0,
+            pace: 0.0,
             stride: f64::INFINITY,
             leant: 0.0,
             stirred: false,
@@ -276,12 +293,22 @@ impl Body {
         if self.pinned {
             return self.explains(NEAR_CHI2);
         }
+        // On slopes that still change it may fit well what is left once the pixels that tell otherwise are left out.
+        if self.leant > APPROACHED_LEAN && self.rounds <= PATIENCE_LEANING {
+            return self.explains(NEAR_CHI2);
+        }
         self.foreseen_sigmas().1 < NEAR_SIGMAS || self.explains(NEAR_CHI2) || self.rounds > PATIENCE
     }
 
     /// Whether its pixels lie about their model with so much χ² each.
     pub(crate) fn explains(&self, chi2_max: f64) -> bool {
         self.quality.chi2 < chi2_max * self.quality.used as f64
+    }
+
+    /// Whether nearly all of its pixels count.
+    pub(crate) fn is_whole(&self) -> bool {
+        const MASKED_MAX: f64 = 0.1;
+        (self.quality.masked as f64) < MASKED_MAX * self.quality.used as f64
     }
 
     /// Whether another round would not move it, or nobody would notice: a dot that no depth is known of matters to those
@@ -327,9 +354,27 @@ impl Body {
     }
 
     /// About how large the next step will be, of the position alone and with the diameter, in standard deviations: what
-    /// derivatives miss of a step grows with its stride.
+    /// derivatives miss of a step grows with its stride, unless steps have been seen to shrink more slowly.
     fn foreseen_sigmas(&self) -> (f64, f64) {
-        (BEND * self.stride * self.moved_sigmas, BEND * self.stride * self.step_sigmas)
+        let shrinkage = self.pace.max(BEND * self.stride);
+        (shrinkage * self.moved_sigmas, shrinkage * self.step_sigmas)
+    }
+
+    /// Compares the step with the one before, and finds how much of it to take.
+    ///
+    /// Equations that miss a share λ of every step ask for `s = (1 − λ) e` at a distance e from the place. Once g s was taken the
+    /// next step is `s′ = s (1 − g (1 − λ))`, so that `g/(1 − s′/s) = 1/(1 − λ)` leads there.
+    fn pace_itself(&mut self) {
+        let along = |a: &Vector4<f64>| self.last_step.dot(&(self.information * a));
+        let (ratio, before_sigmas) = (along(&self.step) / along(&self.last_step), along(&self.last_step).sqrt());
+        let tells = self.rounds > 1
+            && self.leant < APPROACHED_LEAN
+            && self.moved_sigmas.min(before_sigmas) > SMALL_SIGMAS
+            && ratio.is_finite();
+        self.pace = if tells { ratio.abs().min(1.0) } else { 0.0 };
+        let is_slow = tells && (ratio > SLOW || self.gain > 1.0) && ratio < 1.0;
+        self.gain = if is_slow { (self.gain / (1.0 - ratio)).clamp(1.0, GAIN_MAX) } else { 1.0 };
+        self.last_step = self.step;
     }
 
     /// Information on x, y, z and diameter from all bands when they were last looked at.
@@ -405,11 +450,12 @@ impl Body {
     /// Takes the step that was solved for.
     pub(crate) fn advance(&mut self) {
         self.moved_sigmas = self.moved_sigmas();
+        self.pace_itself();
         (self.stirred, self.leant) = (false, 0.0);
-        self.stride = self.bands.iter().flatten().map(BandLight::stride).fold(0.0, f64::max);
+        self.stride = self.gain * self.bands.iter().flatten().map(BandLight::stride).fold(0.0, f64::max);
         self.quality = self.foreseen_quality();
         // Far from the solution a full step may overshoot: no spot moves by more than a quarter of its size.
-        let step = self.step;
+        let step = self.gain * self.step;
         let limit = 0.25 * self.dot.diameter_mm / step.xy().norm().max(step.w.abs()).max(1e-12);
         let limit = limit.min(10.0 / step.z.abs().max(1e-12)).min(1.0);
         for (coordinate, change) in self.dot.centre_mm.iter_mut().zip(step.iter()) {
@@ -418,8 +464,8 @@ impl Body {
         self.dot.diameter_mm += limit * step.w;
         self.rounds += 1;
         for light in self.bands.iter_mut().flatten() {
-            light.contrast += limit * light.step[4];
-            light.background += limit * light.background_step;
+            light.contrast += limit * self.gain * light.step[4];
+            light.background += limit * self.gain * light.background_step;
         }
         self.alive &= self.dot.diameter_mm > 0.0
             && self.dot.centre_mm[2] > 0.0

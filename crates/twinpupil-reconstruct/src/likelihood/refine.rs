@@ -15,7 +15,6 @@ use crate::likelihood::pencil::Pencil;
 use crate::likelihood::prior::Prior;
 use crate::likelihood::spot::{Dot, Raster, Spot};
 use crate::noise::Noise;
-use crate::quantile::median;
 use crate::slope::Slopes;
 
 /// An instrument's forward model, ready to be compared with pixels.
@@ -112,12 +111,16 @@ impl Refined {
 /// A change of slope that moves a dot's edge by so much is felt, px.
 const SLOPE_FELT_PX: f64 = 0.012;
 
-/// A dot whose χ² a pixel is below the first, or below so many times that of the typical dot, is where its surface is.
+/// A dot whose χ² a pixel is below the first, or below so many times that of dots that are explained well, is where its surface
+/// is.
 const SETTLED_CHI2: f64 = 2.5;
 const SETTLED_SHARE: f64 = 3.0;
 
 /// Rounds at most.
 const ROUNDS: usize = 16;
+
+/// Every so many rounds those that rest take the slopes of the surface as well: others may never come to rest.
+const LOOK_BACK: usize = 4;
 
 /// Buffers that are used again from frame to frame.
 #[derive(Debug, Clone, Default)]
@@ -219,7 +222,7 @@ impl ForwardModel {
         let (mut is_uneven, mut last_looks) = (false, 0);
         for round in 0..ROUNDS {
             renew_surface(joint.bodies, slopes, chi2s);
-            set_slopes(joint.bodies, slopes, |body| !body.rests());
+            set_slopes(joint.bodies, slopes, |body| !body.rests() || round % LOOK_BACK == LOOK_BACK - 1);
             if joint.bodies.iter().all(Body::rests) {
                 // Those that came to rest first may stand on a surface that is known better by now.
                 set_slopes(joint.bodies, slopes, |_| true);
@@ -274,8 +277,8 @@ fn body(seed: &Seed, views: &[BandView<'_>], background: &[f64]) -> Body {
 
 /// Lays the surface through the placed dots that are where it is.
 fn renew_surface(bodies: &[Body], slopes: &mut Slopes, chi2s: &mut Vec<f64>) {
-    let settled_chi2 = SETTLED_CHI2.max(SETTLED_SHARE * median_chi2(bodies, chi2s));
-    let is_settled = |body: &Body| body.alive && (body.rounds == 0 || body.explains(settled_chi2));
+    let settled_chi2 = SETTLED_CHI2.max(SETTLED_SHARE * lower_chi2(bodies, chi2s));
+    let is_settled = |body: &Body| body.alive && (body.rounds == 0 || body.explains(settled_chi2) && body.is_whole());
     let placed = bodies.iter().filter(|body| body.tells_depth());
     slopes.renew(placed.map(|body| (body.dot.centre_mm, is_settled(body))));
 }
@@ -321,12 +324,13 @@ fn edge_shift_px(radius_px: f64, before: [f64; 2], after: [f64; 2]) -> f64 {
     radius_px * change * (square.sqrt() / ((1.0 + square) * (1.0 + square).sqrt())).max(ACROSS)
 }
 
-/// The typical dot's χ² a pixel.
-fn median_chi2(bodies: &[Body], chi2s: &mut Vec<f64>) -> f64 {
+/// χ² a pixel that three in four dots exceed.
+fn lower_chi2(bodies: &[Body], chi2s: &mut Vec<f64>) -> f64 {
     let fitted = bodies.iter().filter(|body| body.alive && body.rounds > 0);
     chi2s.clear();
     chi2s.extend(fitted.map(|body| body.quality.chi2 / body.quality.used.max(1) as f64));
-    median(chi2s).unwrap_or(0.0)
+    let quarter = chi2s.len() / 4;
+    if chi2s.is_empty() { 0.0 } else { *chi2s.select_nth_unstable_by(quarter, f64::total_cmp).1 }
 }
 
 fn refined(bodies: &[Body], couplings: &[Vec<Coupling>], index: usize, patch: &mut Patch) -> Option<Refined> {

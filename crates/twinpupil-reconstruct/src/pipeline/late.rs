@@ -65,7 +65,7 @@ impl Reconstructor {
     }
 
     /// Places the pairs that came last, and puts all in the order of their telecentric features.
-    fn place_late(&self, detections: &[Detection], placing: &mut Placing) {
+    pub(super) fn place_late(&self, detections: &[Detection], placing: &mut Placing) {
         let Placing { groups, points, sightings, .. } = placing;
         let placed = groups[points.len()..].iter().map(|group| self.point(detections, group, sightings));
         points.extend(placed.collect::<Vec<_>>());

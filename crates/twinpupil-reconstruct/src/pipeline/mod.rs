@@ -1,7 +1,11 @@
 //! The whole way from a frame to points, as in Section 3 of the paper: planes, features, pairs, positions.
 
+mod again;
+mod agreement;
 mod late;
+mod merged;
 mod seeds;
+mod shape;
 
 use std::f64::consts::PI;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
@@ -13,6 +17,8 @@ use twinpupil_instrument::{
     ResponseTable, Role,
 };
 
+use self::again::is_in_doubt;
+use self::agreement::birge_ratio2;
 use self::late::Lone;
 use crate::calibrated::Calibrated;
 use crate::detect::{DetectOptions, Detection, Detector, Estimator, Feature};
@@ -173,6 +179,14 @@ impl Placed {
             point.covariance_mm2 = std::array::from_fn(|i| std::array::from_fn(|k| covariance_mm2[(i, k)]));
         }
         finite
+    }
+}
+
+impl Placed {
+    /// Makes all variances so many times larger.
+    fn widen(&mut self, ratio2: f64) {
+        self.point.covariance_mm2 = self.point.covariance_mm2.map(|row| row.map(|covariance| ratio2 * covariance));
+        self.point.std_mm = self.point.std_mm.map(|std_mm| ratio2.sqrt() * std_mm);
     }
 }
 
@@ -395,6 +409,9 @@ impl Reconstructor {
             .map(|(detection, (_, noise))| detection.background_codes - noise.black_level)
             .collect();
         self.fit(planes, detections, &background, placing, fitting);
+        if self.divide_merged(detections, placing, fitting) {
+            self.fit(planes, detections, &background, placing, fitting);
+        }
         if self.pair_late(detections, placing, fitting) {
             self.fit(planes, detections, &background, placing, fitting);
         }
@@ -414,10 +431,8 @@ impl Reconstructor {
                 _ => *is_other = true,
             }
         }
-        if is_other.contains(&true) {
-            let detections: Vec<Detection> =
-                (0..planes.len()).map(|band| self.with_moments(band, &planes[band], &detections[band])).collect();
-            self.place_by_moments(&detections, &placing.groups, &mut placing.points, is_other);
+        if placing.points.iter().zip(&*is_other).any(|(place, is_other)| is_in_doubt(place.as_ref(), *is_other)) {
+            self.try_again(planes, detections, &background, placing, fitting);
         }
     }
 
@@ -475,13 +490,16 @@ impl Reconstructor {
         slopes.lay_through(points.iter().flatten().map(|placed| placed.point.position_mm));
         for (placed, _) in points.iter_mut().zip(is_other).filter(|(_, is_other)| **is_other) {
             if let Some(placed) = placed {
-                let slopes = slopes.at(placed.point.position_mm).unwrap_or_default();
-                self.place_again(placed, slopes, &mut sightings);
+                let slopes = slopes.at(placed.point.position_mm);
+                self.place_again(placed, slopes.unwrap_or_default(), &mut sightings);
+                placed.widen(birge_ratio2(placed.point.match_chi2, placed.point.match_dof));
+                self.doubt_shape(placed, slopes, &sightings);
             }
         }
     }
 
-    fn place(&self, Placed { point, further }: &mut Placed, refined: &Refined) {
+    fn place(&self, placed: &mut Placed, refined: &Refined) {
+        let Placed { point, further } = placed;
         let covariance = refined.position_covariance_mm2();
         point.position_mm = refined.dot.centre_mm;
         point.diameter_mm = refined.dot.diameter_mm;
@@ -506,6 +524,7 @@ impl Reconstructor {
         let [t, e] = images;
         point.azimuth_residual_px =
             (t.x_mm * e.y_mm - t.y_mm * e.x_mm) / t.radius_mm().max(1e-12) / self.instrument.sensor.pitch_mm;
+        placed.widen(birge_ratio2(placed.point.match_chi2, placed.point.match_dof));
     }
 
     /// Index in the instrument of a band of the model.
