@@ -32,6 +32,7 @@ mod pencil;
 mod plate;
 mod point_image;
 mod prescribed;
+mod ray_map;
 mod rays;
 mod refraction;
 mod region;
@@ -49,6 +50,7 @@ pub use image::{BandImager, Contrast, Deviation, Encircled, Foci, Imager, Psf, P
 pub use ledger::{RayFate, RayLedger};
 pub use pencil::Pencil;
 pub use point_image::PointImage;
+pub use ray_map::RayMap;
 pub use rays::{Footprint, ObjectRays, RayStarts};
 pub use response::{response_grids, response_table, response_table_for};
 pub use site::{Room, entocentric_place, rooms, telecentric_place};

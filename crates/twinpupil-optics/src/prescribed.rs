@@ -22,11 +22,15 @@ use crate::launch::{Launch, Places, arrive};
 use crate::least_squares::least_squares;
 use crate::linear::Linear;
 use crate::masks::Masks;
+use crate::ray_map::{Start, Traced};
 use crate::spread::quadrants;
+use crate::stop::Stop;
 use crate::stray::{Stray, probes};
 use crate::thin::ThinBand;
 use crate::train::{Aiming, Block, LANES, Seeker};
-use crate::{Fate, Mask, ObjectRays, OpticsError, Pencil, PointImage, Ray, RayFate, RayLedger, RayStarts, Train};
+use crate::{
+    Fate, Mask, ObjectRays, OpticsError, Pencil, PointImage, Ray, RayFate, RayLedger, RayMap, RayStarts, Train,
+};
 
 /// Rays from each place that are probed for a pencil, in each quadrant of the pupil: with seven places one block.
 const PROBES_PER_QUADRANT: usize = 4;
@@ -60,6 +64,9 @@ pub(crate) struct PrescribedBand {
     /// The same through an ideal lens.
     ideal: ThinBand,
     masks: Masks,
+    /// The masks that are not open to all, as rays from the sensor meet them, and the surfaces as far as each.
+    stops: Vec<Stop>,
+    to_stops: Vec<Train>,
     is_paraxial: bool,
     /// Weight of a ray along the axis.
     axial_weight: f64,
@@ -106,8 +113,16 @@ impl PrescribedBand {
         let ends = |train: Train| train.with_end_plane(instrument.apertures.len(), front_principal_mm).reversed();
         let pupil = masks.pupil();
         let is_ideal = |shape: &Shape| matches!(shape, Shape::ThinLens { .. });
+        let train = ends(with_masks);
+        let stops: Vec<Stop> = train
+            .masks()
+            .filter_map(|index| Some(in_train(Stop::new(index, instrument.apertures.get(index)?, &band.name))))
+            .filter(|stop| !stop.is_open())
+            .collect();
         let mut made = Self {
-            train: ends(with_masks),
+            to_stops: stops.iter().map(|stop| train.clear_to_mask(stop.aperture)).collect(),
+            stops,
+            train,
             lens: ends(surfaces),
             aim: Aim::IDEAL,
             ideal: ThinBand::new(masks),
@@ -232,15 +247,15 @@ impl PrescribedBand {
         ideal.strayed(&strays, [0.0; 2])
     }
 
+    /// Its rays from an image disc as polynomials.
+    pub(crate) fn ray_map(&self, centre: ImagePoint, radius_mm: f64) -> Option<RayMap> {
+        if self.train.is_smooth() { RayMap::of(self, centre, radius_mm) } else { None }
+    }
+
     /// Rays of up to [`LANES`] image and pupil points.
-    fn trace_through(&self, train: &Train, starts: &[([f64; 2], [f64; 2])], rays: &mut ObjectRays) {
-        let column = |of: fn(&([f64; 2], [f64; 2])) -> f64| starts.iter().map(of).collect::<Vec<f64>>();
-        let (image_x_mm, image_y_mm) = (column(|start| start.0[0]), column(|start| start.0[1]));
-        let (pupil_x, pupil_y) = (column(|start| start.1[0]), column(|start| start.1[1]));
-        let starts =
-            RayStarts { image_x_mm: &image_x_mm, image_y_mm: &image_y_mm, pupil_x: &pupil_x, pupil_y: &pupil_y };
+    fn trace_through(&self, train: &Train, starts: &[Start], rays: &mut ObjectRays) {
         rays.resize(starts.len());
-        self.trace_block(train, starts, 0, rays, &mut RayLedger::default());
+        self.trace_block(train, Columns::of(starts).starts(), 0, rays, &mut RayLedger::default());
     }
 
     /// What the masks do to the image of a point is what they do behind the ideal lens; where the light of the whole pupil
@@ -316,6 +331,63 @@ impl PrescribedBand {
         };
         (0..now.len()).map(share).collect()
     }
+}
+
+impl Traced for PrescribedBand {
+    fn rays(&self, starts: &[Start]) -> Option<ObjectRays> {
+        let mut rays = ObjectRays::default();
+        rays.resize(starts.len());
+        let columns = Columns::of(starts);
+        for first in (0..starts.len()).step_by(LANES) {
+            let block = columns.starts().slice(first..starts.len().min(first + LANES));
+            self.trace_block(&self.lens, block, first, &mut rays, &mut RayLedger::default());
+        }
+        (!rays.weight.contains(&0.0)).then_some(rays)
+    }
+
+    fn stops(&self) -> &[Stop] {
+        &self.stops
+    }
+
+    fn crossings(&self, stop: usize, starts: &[Start]) -> [Vec<f64>; 2] {
+        let mut crossings: [Vec<f64>; 2] = Default::default();
+        let mut weight = [0.0; LANES];
+        for starts in starts.chunks(LANES) {
+            let columns = Columns::of(starts);
+            let mut block = Block::of(starts.len());
+            self.launch_all(&columns.starts(), &mut block, &mut weight[..starts.len()]);
+            self.to_stops[stop].send(&mut block);
+            let met = crossings.iter_mut().zip(&block.position_mm);
+            met.for_each(|(crossings, met_mm)| crossings.extend_from_slice(&met_mm[..starts.len()]));
+        }
+        crossings
+    }
+}
+
+/// Image and pupil points, component by component.
+struct Columns([Vec<f64>; 4]);
+
+impl Columns {
+    fn of(starts: &[Start]) -> Self {
+        let column = |of: fn(&Start) -> f64| starts.iter().map(of).collect();
+        Self([
+            column(|start| start.0[0]),
+            column(|start| start.0[1]),
+            column(|start| start.1[0]),
+            column(|start| start.1[1]),
+        ])
+    }
+
+    fn starts(&self) -> RayStarts<'_> {
+        let [image_x_mm, image_y_mm, pupil_x, pupil_y] = &self.0;
+        RayStarts { image_x_mm, image_y_mm, pupil_x, pupil_y }
+    }
+}
+
+/// A mask in the axes of the prescription, whose y points up where that of the object points down.
+fn in_train(stop: Stop) -> Stop {
+    let [x_mm, y_mm] = stop.centre_mm;
+    Stop { centre_mm: [x_mm, -y_mm], ..stop }
 }
 
 /// How light is spread that arrives from pupil points farther than through the ideal lens, by the polynomial that comes

@@ -1,9 +1,9 @@
 //! Cameras whose lens is given surface by surface.
 
 use twinpupil_instrument::{
-    Grid, Instrument, InstrumentError, Lens, Prescription, PrescriptionLens, Projection, paper,
+    Grid, ImagePoint, Instrument, InstrumentError, Lens, Prescription, PrescriptionLens, Projection, paper,
 };
-use twinpupil_optics::{Camera, ObjectRays, RayLedger, RayStarts, Train, response_table};
+use twinpupil_optics::{BandOptics, Camera, ObjectRays, RayLedger, RayStarts, Train, response_table};
 
 /// Of the design of the double Gauss, nm.
 const DESIGN_NM: f64 = 587.6;
@@ -125,6 +125,67 @@ fn rays_are_aimed_at_the_whole_pupil_and_at_nothing_else() {
             assert_eq!((rim(0.999_999), rim(1.000_001)), (64, 0), "{} {image_mm:?}", optics.name());
         }
     }
+}
+
+/// Pupil points all over the disc, and the same ray from one image point to each.
+fn traced(optics: &BandOptics, image: ImagePoint) -> ([Vec<f64>; 2], ObjectRays, RayLedger) {
+    let golden_angle = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
+    let place = |k: u32, of: fn(f64) -> f64| (f64::from(k) / 500.0).sqrt() * of(golden_angle * f64::from(k));
+    let pupil = [f64::cos, f64::sin].map(|of| (0..500).map(|k| place(k, of)).collect::<Vec<f64>>());
+    let [x, y] = [image.x_mm, image.y_mm].map(|mm| vec![mm; 500]);
+    let starts = RayStarts { image_x_mm: &x, image_y_mm: &y, pupil_x: &pupil[0], pupil_y: &pupil[1] };
+    let (mut rays, mut ledger) = (ObjectRays::default(), RayLedger::default());
+    optics.trace(starts, &mut rays, &mut ledger);
+    (pupil, rays, ledger)
+}
+
+#[test]
+fn a_ray_map_says_what_tracing_does() {
+    // Masks off the axis and a lens that leans, so that nothing is symmetric.
+    let leaning = SINGLET.replacen("gap_mm = 6.0", "tilt_deg = [1.0, -0.5, 0.0]\ngap_mm = 6.0", 1);
+    let singlet =
+        camera(&leaning, &[("position_mm = 0.0", "position_mm = 3.0\ncentre_mm = [0.2, -0.1]")]).expect("legal");
+    for instrument in [double_gauss(&[]), singlet] {
+        let (mut clipped, mut clear) = (0, 0);
+        for optics in Camera::new(&instrument).expect("legal").bands() {
+            for (x_mm, y_mm) in [(0.3, 0.2), (1.2, -1.0), (-5.0, 3.0), (5.3, 3.2)] {
+                let map = optics.ray_map(ImagePoint { x_mm, y_mm }, 0.27).expect("a smooth lens");
+                for (dx_mm, dy_mm) in [(0.0, 0.0), (0.19, 0.19), (-0.26, 0.03)] {
+                    let image = ImagePoint { x_mm: x_mm + dx_mm, y_mm: y_mm + dy_mm };
+                    let ([u, v], expected, counted) = traced(optics, image);
+                    let (mut rays, mut ledger) = (ObjectRays::default(), RayLedger::default());
+                    map.trace(image, [&u, &v], &mut rays, &mut ledger);
+                    assert_eq!(ledger, counted, "{} {image:?}", optics.name());
+                    *if ledger.arrived < ledger.launched { &mut clipped } else { &mut clear } += 1;
+                    for k in (0..500).filter(|k| expected.weight[*k] > 0.0) {
+                        let off = |a: &[f64], b: &[f64]| (a[k] - b[k]).abs();
+                        assert!(off(&rays.x_mm, &expected.x_mm) < 2e-7 && off(&rays.y_mm, &expected.y_mm) < 2e-7);
+                        assert!(off(&rays.slope_x, &expected.slope_x) < 2e-9);
+                        assert!(off(&rays.slope_y, &expected.slope_y) < 2e-9);
+                        assert!(off(&rays.weight, &expected.weight) < 2e-7);
+                    }
+                }
+            }
+        }
+        assert!(clipped > 0 && clear > 0, "{clipped} {clear}");
+    }
+}
+
+#[test]
+fn a_lens_that_stops_rays_has_no_ray_map() {
+    let map = |surface: &str| {
+        let lens = SINGLET.replacen("medium = \"N-BK7\"", &format!("medium = \"N-BK7\"\n{surface}"), 1);
+        let instrument = camera(&lens, &[("position_mm = 0.0", "position_mm = 3.0")]).expect("legal");
+        let made =
+            Camera::new(&instrument).expect("legal").bands()[1].ray_map(ImagePoint { x_mm: 4.0, y_mm: 0.0 }, 0.2);
+        made.is_some()
+    };
+    assert!(map("semi_diameter_mm = 3.0"));
+    assert!(!map("semi_diameter_mm = 0.9"));
+    assert!(!map("hole_radius_mm = 0.1"));
+    // Nor has one that is not traced surface by surface.
+    let thin = Camera::new(&paper::instrument()).expect("legal");
+    assert!(thin.bands()[0].ray_map(ImagePoint { x_mm: 1.0, y_mm: 0.0 }, 0.2).is_none());
 }
 
 #[test]

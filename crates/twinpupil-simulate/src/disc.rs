@@ -98,14 +98,13 @@ impl Disc {
         let (gx, gy) = (dx + kx * along_ray, dy + ky * along_ray);
         let square = gx * gx + gy * gy + tiny;
         let growth = (square / (dx * dx + dy * dy + dz * dz + tiny)).sqrt();
-        let is_small = r * r < 2.0 * w * w * (1.0 + a * a + b * b);
+        let is_small = self.is_small();
         let per_length = 1.0 / square.sqrt();
         let (nx, ny) = (gx * per_length, gy * per_length);
         let ray_square = 1.0 + sx * sx + sy * sy;
         let (rising, leaning) = (kx * nx + ky * ny, sx * nx + sy * ny);
         let along_normal = 1.0 + rising * (2.0 * leaning + ray_square * rising);
         let trace = 2.0 + 2.0 * (kx * sx + ky * sy) + ray_square * (kx * kx + ky * ky);
-        let shrunk = (1.0 - (trace - along_normal) * w * w / (12.0 * r * r)).max(0.0).sqrt();
         let bend = (0.5 * (along_normal - growth * growth) * w / (growth * r)).clamp(0.0, Shadow::BEND_MAX);
         let [cos, sin] = self.along_rows;
         let (across, along) = ((cos * nx + sin * ny).abs(), (cos * ny - sin * nx).abs());
@@ -114,7 +113,7 @@ impl Disc {
             width_mm: w * growth,
             is_small,
             bend,
-            inwards: r * (1.0 - shrunk) / (growth * w),
+            inwards: self.inwards(trace - along_normal, growth * w),
             trapezoid: if is_small { Trapezoid::new(1.0, 0.0) } else { Trapezoid::new(long, short) },
         }
     }
@@ -182,6 +181,21 @@ impl Disc {
         }
     }
 
+    /// Whether it is hardly wider than the shadow of a ray.
+    #[inline(always)]
+    fn is_small(&self) -> bool {
+        let ([a, b], w, r) = (self.slope, self.shadow_mm, self.radius_mm);
+        r * r < 2.0 * w * w * (1.0 + a * a + b * b)
+    }
+
+    /// How much farther in its edge seems to a square, in widths of that along the dot, where M along the edge is Mₜ.
+    #[inline(always)]
+    fn inwards(&self, along_edge: f64, width_mm: f64) -> f64 {
+        let (w, r) = (self.shadow_mm, self.radius_mm);
+        let shrunk = (1.0 - along_edge * w * w / (12.0 * r * r)).max(0.0).sqrt();
+        r * (1.0 - shrunk) / width_mm
+    }
+
     /// What coverage is scaled with under a shadow of width w: 1 unless the dot is smaller than the shadow.
     #[inline(always)]
     fn full(&self, width_mm: f64) -> f64 {
@@ -244,12 +258,9 @@ impl Trapezoid {
     #[inline(always)]
     fn new(long: f64, short: f64) -> Self {
         let (long, short) = (long.max(Self::SHORT_MIN), short.max(Self::SHORT_MIN));
-        Self {
-            outer: 0.5 * (long + short),
-            inner: 0.5 * (long - short),
-            height: 1.0 / long,
-            fall: 1.0 / (long * short),
-        }
+        // One division, as they are slow.
+        let fall = 1.0 / (long * short);
+        Self { outer: 0.5 * (long + short), inner: 0.5 * (long - short), height: short * fall, fall }
     }
 
     /// Share of the square beyond an edge that lies `depth` before its centre, and the change with the depth.
@@ -264,15 +275,26 @@ impl Trapezoid {
     }
 }
 
+/// On a dot across the axis `ρ² = δ²`, g = 1 and n = δ/ρ: of the shadow of a ray nothing depends on where it falls but the
+/// direction of the edge.
 #[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
 fn add_flat(disc: &Disc, rays: &ObjectRays, coverage: &mut [f64]) {
+    let (r, w, [cos, sin]) = (disc.radius_mm, disc.shadow_mm, disc.along_rows);
+    let (is_small, inwards, full) = (disc.is_small(), disc.inwards(1.0, w), disc.full(w));
+    let (per_width, per_area) = (1.0 / w, 1.0 / (2.0 * r * w));
     let positions = rays.x_mm.iter().zip(&rays.y_mm);
     let slopes = rays.slope_x.iter().zip(&rays.slope_y);
     for ((coverage, (x_mm, y_mm)), (slope_x, slope_y)) in coverage.iter_mut().zip(positions).zip(slopes) {
-        let ray = Ray { x_mm: *x_mm, y_mm: *y_mm, slope_x: *slope_x, slope_y: *slope_y };
-        let [x_mm, y_mm] = ray.at(disc.z_mm);
-        let (dx, dy) = (x_mm - disc.x_mm, y_mm - disc.y_mm);
-        *coverage += disc.risen(dx * dx + dy * dy, &disc.shadow(&ray, [dx, dy, 0.0]));
+        let (dx, dy) = (x_mm + slope_x * disc.z_mm - disc.x_mm, y_mm + slope_y * disc.z_mm - disc.y_mm);
+        let square = dx * dx + dy * dy + f64::MIN_POSITIVE;
+        let distance = square.sqrt();
+        let per_distance = 1.0 / distance;
+        let across = (cos * dx + sin * dy).abs() * per_distance;
+        let along = (cos * dy - sin * dx).abs() * per_distance;
+        let straight = Trapezoid::new(across.max(along), across.min(along));
+        let trapezoid = if is_small { Trapezoid::new(1.0, 0.0) } else { straight };
+        let depth = if is_small { (r * r - square) * per_area } else { (r - distance) * per_width - inwards };
+        *coverage += trapezoid.beyond(depth).0 * full;
     }
 }
 

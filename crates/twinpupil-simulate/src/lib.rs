@@ -17,6 +17,7 @@ mod index;
 mod light;
 mod packing;
 pub mod paper;
+mod patches;
 mod plate;
 mod progress;
 mod ray;

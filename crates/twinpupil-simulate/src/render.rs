@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 use twinpupil_instrument::{Band, ImagePoint, Instrument, PixelPoint, Projection, Registration, Sensor};
-use twinpupil_optics::{BandOptics, Camera, Footprint, ObjectRays, RayLedger, RayStarts};
+use twinpupil_optics::{BandOptics, Camera, Footprint, ObjectRays, RayLedger, RayMap, RayStarts};
 
 use crate::bundle::{Bundle, Sight};
 use crate::disc::Disc;
@@ -10,6 +10,7 @@ use crate::dot::Dot;
 use crate::illumination::Illumination;
 use crate::index::DotIndex;
 use crate::light::{covered_light, sum};
+use crate::patches::Patches;
 use crate::plate::Pose;
 use crate::progress::Progress;
 use crate::ray::Ray;
@@ -50,6 +51,7 @@ pub(crate) struct BandView<'a> {
     pub(crate) optics: &'a BandOptics,
     projection: Projection,
     surface: Surface,
+    patches: Patches,
     /// Mean width of a pixel, mm, and the unit vector along the rows of pixels.
     pitch_mm: f64,
     along_rows: [f64; 2],
@@ -123,7 +125,8 @@ impl<'a> Renderer<'a> {
         let view = |(band, optics): (&Band, &'a BandOptics)| {
             let projection = instrument.projection(band);
             let surface = Surface::new(sensor, band, registration, &projection, optics.focal_length_mm());
-            BandView::new(optics, projection, surface, (pitch_mm, along_rows), scene, pupil_samples)
+            let patches = Patches::new(sensor.size_px);
+            BandView::new(optics, projection, (surface, patches), (pitch_mm, along_rows), scene, pupil_samples)
         };
         Self {
             scene,
@@ -198,11 +201,14 @@ impl<'a> Renderer<'a> {
             uniform_e => {
                 let (bank, discs) = self.sampling(band, &bundle);
                 let samples = bank.of_pixel(band, column, row);
+                if let (None, Some(electrons)) = (&self.scene.illumination, uniform_e) {
+                    self.weigh(band, [column, row], &bundle, samples, workspace);
+                    return electrons * sum(&workspace.rays.weight) / samples.len() as f64;
+                }
                 self.trace(band, [column, row], &bundle, samples, workspace);
-                match (&self.scene.illumination, uniform_e) {
-                    (Some(light), _) => self.unevenly_lit_e(band, light, samples, discs, workspace),
-                    (None, Some(electrons)) => electrons * sum(&workspace.rays.weight) / samples.len() as f64,
-                    (None, None) => self.sampled_e(band, samples, discs, workspace),
+                match &self.scene.illumination {
+                    Some(light) => self.unevenly_lit_e(band, light, samples, discs, workspace),
+                    None => self.sampled_e(band, samples, discs, workspace),
                 }
             }
         }
@@ -295,7 +301,10 @@ impl<'a> Renderer<'a> {
         workspace: &mut Workspace,
     ) {
         let Workspace { image_x_mm, image_y_mm, rays, ledger, .. } = workspace;
-        let surface = &self.bands[band].surface;
+        let BandView { surface, optics, .. } = &self.bands[band];
+        if let Some(map) = self.ray_map(band, [column, row]) {
+            return map.trace(bundle.centre, [&samples.pupil_x, &samples.pupil_y], rays, ledger);
+        }
         if surface.is_ideal() {
             let ImagePoint { x_mm, y_mm } = bundle.centre;
             for (buffer, value) in [(&mut *image_x_mm, x_mm), (&mut *image_y_mm, y_mm)] {
@@ -307,7 +316,35 @@ impl<'a> Renderer<'a> {
             spread(&start, samples, image_x_mm, image_y_mm);
         }
         let starts = RayStarts { image_x_mm, image_y_mm, pupil_x: &samples.pupil_x, pupil_y: &samples.pupil_y };
-        bundle.optics.trace(starts, rays, ledger);
+        optics.trace(starts, rays, ledger);
+    }
+
+    /// [`Renderer::trace`] where it does not matter where the rays go.
+    fn weigh(
+        &self,
+        band: usize,
+        pixel: [usize; 2],
+        bundle: &Bundle<'_>,
+        samples: &SampleSet,
+        workspace: &mut Workspace,
+    ) {
+        match self.ray_map(band, pixel) {
+            Some(map) => {
+                let Workspace { rays, ledger, .. } = workspace;
+                map.weigh(bundle.centre, [&samples.pupil_x, &samples.pupil_y], rays, ledger);
+            }
+            None => self.trace(band, pixel, bundle, samples, workspace),
+        }
+    }
+
+    /// The rays from about a pixel as polynomials, where all rays of a pixel start from one point of the ideal plane.
+    fn ray_map(&self, band: usize, pixel: [usize; 2]) -> Option<&RayMap> {
+        let BandView { surface, patches, optics, .. } = &self.bands[band];
+        let make = |first: [usize; 2], size_px: [usize; 2]| {
+            let (centre, radius_mm) = self.disc(band, first, size_px);
+            optics.ray_map(centre, radius_mm)
+        };
+        if surface.is_ideal() { patches.around(pixel, make) } else { None }
     }
 
     /// Mean of what the traced rays bring back from the pixel's prospect.
@@ -411,7 +448,7 @@ impl<'a> BandView<'a> {
     fn new(
         optics: &'a BandOptics,
         projection: Projection,
-        surface: Surface,
+        (surface, patches): (Surface, Patches),
         (pitch_mm, along_rows): (f64, [f64; 2]),
         scene: &Scene,
         pupil_samples: usize,
@@ -420,6 +457,7 @@ impl<'a> BandView<'a> {
             optics,
             projection,
             surface,
+            patches,
             pitch_mm,
             along_rows,
             pupil_samples,

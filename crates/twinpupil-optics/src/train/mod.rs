@@ -139,6 +139,17 @@ impl Train {
         Self { faces: linked(faces.collect()) }
     }
 
+    /// The numbers of its masks, in the order in which light meets them.
+    pub(crate) fn masks(&self) -> impl Iterator<Item = usize> {
+        self.faces.iter().filter(|face| face.clear.rings.is_some()).map(|face| face.index)
+    }
+
+    /// Whether what it does to rays changes smoothly from one to the next, wherever it lets all pass about them.
+    pub(crate) fn is_smooth(&self) -> bool {
+        let is_broken = |face: &Face| matches!(face.profile, Profile::Facets(_)) || face.clear.squares_mm2[0] > 0.0;
+        !self.faces.iter().any(is_broken)
+    }
+
     /// The same surfaces, clear everywhere.
     pub(crate) fn clear(&self) -> Self {
         let faces = self.faces.iter().map(|face| Face { clear: Clear::EVERYWHERE, ..face.clone() });
