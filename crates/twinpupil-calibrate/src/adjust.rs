@@ -360,7 +360,8 @@ impl Problem<'_> {
     fn add_stage(&self, share: &mut Share, state: &State, frame: usize) {
         let Some(first) = self.way_start(state) else { return };
         let Some(OnWay { off_mm, gradient, position }) = self.on_way(state, frame) else { return };
-        let weight = position.std_mm.powi(-2);
+        // What does not go together with the frames may be the stage.
+        let weight = position.std_mm.powi(-2) / self.weighing.misfit;
         share.cost += weight * off_mm.norm_squared();
         for k in 0..3 {
             share.pose[(3 + k, 3 + k)] += weight;

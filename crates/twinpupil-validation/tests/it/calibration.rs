@@ -6,16 +6,18 @@ use twinpupil_calibrate::{
     CalibrateError, Calibration, Choices, CorrectionChoice, FrameFault, LeftOpen, Quantity, StagePosition, Target,
     TargetSpec,
 };
-use twinpupil_instrument::{Frame, Instrument, Mosaic};
+use twinpupil_instrument::{Frame, Instrument, Mosaic, Parameter};
 use twinpupil_validation::calibration::{
     DepthError, Exposures, POSES, TargetPose, axis, calibrate, calibrate_on_stage, calibrated, coarse, data_sheet,
     off_data_sheet, target, warped,
 };
 use twinpupil_validation::plates::Pose;
 
-/// Rays a pixel: what this leaves is below the noise of calibration, but for the size of dots, which many edges tell.
+/// Rays a pixel: what this leaves is below the noise of calibration, but for the size of dots and the radii of masks, which
+/// many edges tell.
 const PUPIL_SAMPLES: usize = 256;
 const SIZE_ERROR_OF_RAYS: f64 = 1e-5;
+const RADIUS_ERROR_OF_RAYS: f64 = 2e-4;
 
 fn truth() -> Instrument {
     off_data_sheet(&data_sheet(Mosaic::Rgb), true)
@@ -42,7 +44,11 @@ fn a_camera_off_its_data_sheet_is_calibrated() {
     assert!(calibration.rms_px < 0.005, "{}", calibration.rms_px);
     for number in &calibration.numbers {
         let (expected, of_rays) = match number.quantity {
-            Quantity::Instrument(parameter) => (parameter.value(&truth()), 0.0),
+            Quantity::Instrument(parameter) => {
+                let expected = parameter.value(&truth());
+                let is_radius = matches!(parameter, Parameter::ZoneRadius(..));
+                (expected, if is_radius { RADIUS_ERROR_OF_RAYS * expected } else { 0.0 })
+            }
             Quantity::DotDiameter => (1.0, SIZE_ERROR_OF_RAYS),
         };
         let sigmas = (number.value - expected).abs() / number.std.hypot(of_rays);
