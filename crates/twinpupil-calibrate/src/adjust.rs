@@ -573,9 +573,10 @@ impl Problem<'_> {
     }
 }
 
-/// How far the forward model's images may be from those of the real masks: u, v, radius and blur, px, as frames without
-/// noise show it. Centres are off at random; radius and blur alike for all dots of a frame, by up to 2e-5 and 1e-4 px and
-/// 6e-6 of the blur, which many dots make no better: theirs are larger by the square root of the dots that share them.
+/// How far the forward model's images may be from those of the real masks: u, v, radius and blur, px. Centres are off at
+/// random; radius and blur alike for all dots of a frame, on the average over frames by up to 2e-5 and 1e-4 px and 6e-6 of the
+/// blur, which many dots make no better: theirs are larger by the square root of the dots that share them. In one frame blur
+/// is off by up to 3e-4 px either way, as frames without noise show it.
 const MODEL_STD_PX: [f64; 4] = [3e-4, 3e-4, 1.5e-4, 8e-4];
 pub(crate) const BLUR_SHARE: f64 = 5e-5;
 
