@@ -7,7 +7,7 @@ use twinpupil_instrument::{Correction, Displacement, LensTerms};
 use crate::forward::{CAMERA_SLOTS, SLOTS, Slot, Slots, View, ideal_mm, image, spot};
 use crate::lattice::median;
 use crate::pose::Pose;
-use crate::stage::{StagePosition, WAY_SIZE, Way};
+use crate::stage::{StagePosition, WAY_SIZE, Way, WayGradient};
 use crate::unknown::{Part, Unknown};
 
 /// What one band of one frame says of one dot's image.
@@ -61,8 +61,32 @@ pub(crate) struct Problem<'a> {
     pub(crate) observations: &'a [Observation],
     /// Where a stage says that the target stood, frame by frame; empty if there is none.
     pub(crate) stage: &'a [Option<StagePosition>],
+    pub(crate) weighing: Weighing,
+}
+
+/// What observations count for beside what is known beforehand, and beside each other.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Weighing {
     /// χ² of an observation beyond which it is doubted.
     pub(crate) doubt_chi2: f64,
+    /// Variance of the observations over that of their noise: more than 1 where no camera explains them all, so that what
+    /// is known beforehand still counts.
+    pub(crate) misfit: f64,
+}
+
+/// χ² of one spot's four numbers beyond which it is doubted, over what the typical spot has of noise's.
+const DOUBT: f64 = 20.0;
+
+impl Weighing {
+    /// By their noise alone, those in doubt that noise does not explain; and none in doubt.
+    pub(crate) const DOUBTING: Self = Self { doubt_chi2: DOUBT, misfit: 1.0 };
+    pub(crate) const BY_NOISE: Self = Self { doubt_chi2: f64::INFINITY, misfit: 1.0 };
+
+    /// By what the typical one has of noise's χ², no less than 1. What a wrong model leaves is alike in neighbouring dots,
+    /// which then count as fewer.
+    pub(crate) fn of_typical(chi2: f64, likeness: Likeness) -> Self {
+        Self { doubt_chi2: DOUBT * chi2, misfit: 1.0 + (chi2 - 1.0) * likeness.dots_per_own() }
+    }
 }
 
 /// Values of all unknowns.
@@ -87,6 +111,8 @@ pub(crate) struct Adjusted {
     pub(crate) pose_covariances: Vec<Matrix6<f64>>,
     /// Sum over the observations, with doubts.
     pub(crate) cost: f64,
+    /// See [`Weighing::misfit`].
+    pub(crate) misfit: f64,
 }
 
 /// Steps at most, and the relative change of the cost that ends them.
@@ -127,6 +153,16 @@ struct Reduced {
     score: DVector<f64>,
     /// For every frame: the inverse of its pose's information, where it has any.
     pose_inverses: Vec<Option<Matrix6<f64>>>,
+}
+
+/// How the target stands to where a stage says.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct OnWay {
+    pub(crate) position: StagePosition,
+    /// How far beside it, mm.
+    pub(crate) off_mm: Vector3<f64>,
+    /// Change of the place on the way with its numbers.
+    gradient: WayGradient,
 }
 
 impl Testimony {
@@ -204,7 +240,7 @@ impl Problem<'_> {
             inverse + &lever * &covariance * lever.transpose()
         };
         let pose_covariances = shares.iter().zip(&reduced.pose_inverses).map(pose_covariance).collect();
-        Some(Adjusted { state, covariance, pose_covariances, cost })
+        Some(Adjusted { state, covariance, pose_covariances, cost, misfit: self.weighing.misfit })
     }
 
     /// One step, if it is for the better.
@@ -313,18 +349,19 @@ impl Problem<'_> {
         (state.way.is_some() && !self.stage.is_empty()).then(|| self.placed_end())
     }
 
-    /// How far the target stands beside where the stage says, mm.
-    pub(crate) fn off_stage_mm(&self, state: &State, frame: usize) -> Option<Vector3<f64>> {
-        let position = self.stage.get(frame)?.as_ref()?;
-        Some(state.poses[frame].translation_mm - state.way?.at(position.travel_mm).0)
+    /// How the target stands to where the stage says.
+    pub(crate) fn on_way(&self, state: &State, frame: usize) -> Option<OnWay> {
+        let position = (*self.stage.get(frame)?)?;
+        let (place_mm, gradient) = state.way?.at(position.travel_mm);
+        Some(OnWay { position, off_mm: state.poses[frame].translation_mm - place_mm, gradient })
     }
 
     /// Adds what the stage says of a frame.
     fn add_stage(&self, share: &mut Share, state: &State, frame: usize) {
-        let (Some(first), Some(off_mm)) = (self.way_start(state), self.off_stage_mm(state, frame)) else { return };
-        let (Some(way), Some(position)) = (&state.way, &self.stage[frame]) else { return };
-        let (_, gradient) = way.at(position.travel_mm);
-        let weight = position.std_mm.powi(-2);
+        let Some(first) = self.way_start(state) else { return };
+        let Some(OnWay { off_mm, gradient, position }) = self.on_way(state, frame) else { return };
+        // What does not go together with the frames may be the stage.
+        let weight = position.std_mm.powi(-2) / self.weighing.misfit;
         share.cost += weight * off_mm.norm_squared();
         for k in 0..3 {
             share.pose[(3 + k, 3 + k)] += weight;
@@ -363,8 +400,10 @@ impl Problem<'_> {
             let (slots, view) = self.look(observation.band, observation.dot, cameras, state, &state.poses[frame]);
             let (image, gradient) = spot(&slots, &view);
             let chi2 = observation.chi2(&image);
-            let (doubted, weight) = doubt(chi2, self.doubt_chi2);
-            share.cost += doubted;
+            let Weighing { doubt_chi2, misfit } = self.weighing;
+            let (doubted, trust) = doubt(chi2, doubt_chi2);
+            let weight = trust / misfit;
+            share.cost += doubted / misfit;
             let score = (observation.score - observation.information * (image - observation.anchor)) * weight;
             let information = observation.information * weight;
             let columns = self.columns(observation, (&slots, &view), &gradient);
@@ -489,6 +528,34 @@ impl Problem<'_> {
         }))
     }
 
+    /// How much alike neighbouring dots lie beside where they should.
+    pub(crate) fn likeness(&self, state: &State) -> Likeness {
+        let cameras = self.cameras_of(&state.values);
+        let off_px = |own: &Observation| {
+            let image = self.image(own.band, own.dot, &cameras, state, &state.poses[own.frame]);
+            (own.change - (image - own.anchor)).xy()
+        };
+        let pairs = neighbours(&self.dots.position_mm);
+        let (mut product, mut count, mut square) = (0.0, 0, 0.0);
+        for own in self.observations.chunk_by(|a, b| (a.frame, a.band) == (b.frame, b.band)) {
+            let mut off_of_dot = vec![None; self.dots.position_mm.len()];
+            let typical_px = median(own.iter().map(|own| off_px(own).norm())).max(f64::MIN_POSITIVE);
+            for own in own {
+                // A wrong dot has no neighbours like it.
+                let off = off_px(own) / typical_px;
+                let off = off / off.norm().max(1.0);
+                square += off.norm_squared();
+                off_of_dot[own.dot] = Some(off);
+            }
+            for (first, second) in pairs.iter().filter_map(|[a, b]| off_of_dot[*a].zip(off_of_dot[*b])) {
+                product += first.dot(&second);
+                count += 1;
+            }
+        }
+        let mean_square = square / self.observations.len().max(1) as f64;
+        Likeness { correlation: product / f64::from(count.max(1)) / mean_square.max(f64::MIN_POSITIVE) }
+    }
+
     /// What the observations tell of every unknown if all others were known, in units of its prior deviation.
     pub(crate) fn information_of_each(&self, state: &State) -> Vec<f64> {
         let shares = self.shares(state);
@@ -506,11 +573,12 @@ impl Problem<'_> {
     }
 }
 
-/// How far the forward model's images may be from those of the real masks: u, v, radius and blur, px, as frames without
-/// noise show it. Centres are off at random; radius and blur alike for all dots of a frame, by up to 2e-4 px and 6e-5 of the
-/// blur, which many dots make no better: theirs are larger by the square root of the dots that share them.
-const MODEL_STD_PX: [f64; 4] = [3e-4, 3e-4, 7e-4, 1.5e-3];
-pub(crate) const BLUR_SHARE: f64 = 1.2e-3;
+/// How far the forward model's images may be from those of the real masks: u, v, radius and blur, px. Centres are off at
+/// random; radius and blur alike for all dots of a frame, on the average over frames by up to 2e-5 and 1e-4 px and 6e-6 of the
+/// blur, which many dots make no better: theirs are larger by the square root of the dots that share them. In one frame blur
+/// is off by up to 3e-4 px either way, as frames without noise show it.
+const MODEL_STD_PX: [f64; 4] = [3e-4, 3e-4, 1.5e-4, 8e-4];
+pub(crate) const BLUR_SHARE: f64 = 5e-5;
 
 /// The same where the masks cut the light, near the axis.
 const CUT_STD_PX: [f64; 4] = [1e-3, 1e-3, 2e-3, 5e-3];
@@ -566,6 +634,36 @@ fn most_likely_change(score: &Vector4<f64>, information: &Matrix4<f64>) -> Vecto
         }
     }
     change
+}
+
+/// How much neighbours on a grid are alike.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Likeness {
+    /// Correlation of a dot with that beside it.
+    correlation: f64,
+}
+
+impl Likeness {
+    /// How many dots tell of their mean as much as one would by itself: along a row whose correlation ρ falls as ρⁿ these are
+    /// `(1 + ρ)/(1 − ρ)` (G. E. P. Box, G. M. Jenkins, G. C. Reinsel, "Time Series Analysis", section 2.1), and as many
+    /// across it.
+    pub(crate) fn dots_per_own(self) -> f64 {
+        const CORRELATION_MAX: f64 = 0.9;
+        let correlation = self.correlation.clamp(0.0, CORRELATION_MAX);
+        ((1.0 + correlation) / (1.0 - correlation)).powi(2)
+    }
+}
+
+/// Pairs of dots that are about as near to each other as any.
+fn neighbours(position_mm: &[[f64; 2]]) -> Vec<[usize; 2]> {
+    const NEAR: f64 = 1.2;
+    let distance_mm = |a: usize, b: usize| {
+        let ([ax, ay], [bx, by]) = (position_mm[a], position_mm[b]);
+        (ax - bx).hypot(ay - by)
+    };
+    let all = || (0..position_mm.len()).flat_map(|a| (0..a).map(move |b| [a, b]));
+    let pitch_mm = all().map(|[a, b]| distance_mm(a, b)).fold(f64::INFINITY, f64::min);
+    all().filter(|[a, b]| distance_mm(*a, *b) < NEAR * pitch_mm).collect()
 }
 
 /// Huber's cost of a χ², and the weight that goes with it.
@@ -720,7 +818,7 @@ mod tests {
             dots: &dots,
             observations: &[],
             stage: &[],
-            doubt_chi2: f64::INFINITY,
+            weighing: Weighing::BY_NOISE,
         };
         let values: Vec<f64> = unknowns
             .iter()
@@ -762,6 +860,21 @@ mod tests {
     }
 
     #[test]
+    fn dots_that_are_alike_count_as_fewer() {
+        let dots_per_own = |correlation: f64| Likeness { correlation }.dots_per_own();
+        assert_eq!([dots_per_own(-0.2), dots_per_own(0.0)], [1.0; 2]);
+        assert!((dots_per_own(0.5) - 9.0).abs() < 1e-12);
+        let noise = Weighing::of_typical(1.0, Likeness { correlation: 0.5 });
+        assert_eq!(noise, Weighing::DOUBTING);
+        let wrong = Weighing::of_typical(5.0, Likeness { correlation: 0.5 });
+        assert_eq!((wrong.doubt_chi2, wrong.misfit), (100.0, 37.0));
+        let grid: Vec<[f64; 2]> = (0..12).map(|k| [f64::from(k % 4), f64::from(k / 4)]).collect();
+        // Of 3 rows of 4: 9 along rows, 8 along columns.
+        assert_eq!(neighbours(&grid).len(), 17);
+        assert!(neighbours(&[]).is_empty());
+    }
+
+    #[test]
     fn columns_of_a_correction_are_differences() {
         let mut spec = paper::instrument().into_spec();
         spec.sensor.tilt_deg = [1.0, -0.5];
@@ -783,7 +896,7 @@ mod tests {
             dots: &dots,
             observations: &[],
             stage: &[],
-            doubt_chi2: f64::INFINITY,
+            weighing: Weighing::BY_NOISE,
         };
         let (slots, view) = problem.look(1, 0, &cameras, &state, &pose);
         let (image, gradient) = spot(&slots, &view);

@@ -4,7 +4,7 @@ use nalgebra::{Matrix4, Vector4};
 use twinpupil_instrument::{PixelPoint, Projection, Role};
 use twinpupil_reconstruct::{Feature, Reconstructor};
 
-use crate::adjust::{Adjusted, Dots, Observation};
+use crate::adjust::{Adjusted, Dots, Observation, Weighing};
 use crate::calibrate::{CalibrateError, Calibrator, Fault, FrameFault};
 use crate::forward::Slot;
 use crate::lattice::median;
@@ -16,8 +16,8 @@ use crate::unknown::Unknown;
 /// Tolerances from the data sheet beyond which a number is refused as long as features alone tell it.
 const SIGMAS_MAX: f64 = 6.0;
 
-/// χ² of a feature's numbers beyond which it is doubted: their deviations are rough.
-const DOUBT_CHI2: f64 = 25.0;
+/// The deviations of features are rough.
+const WEIGHING: Weighing = Weighing { doubt_chi2: 25.0, misfit: 1.0 };
 
 /// How far the numbers of a feature may be from those of the dot's image.
 #[derive(Debug, Clone, Copy)]
@@ -61,7 +61,7 @@ impl Calibrator<'_> {
             }
             let start = self.start(reader, unknowns, seen, poses.clone());
             let observations = self.observations(&start, seen, |_| &ROUGH);
-            let adjusted = start.solved(unknowns, &observations, DOUBT_CHI2)?;
+            let adjusted = start.solved(unknowns, &observations, WEIGHING)?;
             self.check_roles(&start, unknowns, seen, (&observations, &adjusted))?;
             self.check_data_sheet(&start, unknowns, &adjusted, SIGMAS_MAX)?;
             let now = start.moved_to(unknowns, adjusted)?;
@@ -82,7 +82,7 @@ impl Calibrator<'_> {
         seen: &[Seen<'_>],
     ) -> Result<Now, CalibrateError> {
         let observations = self.close_observations(now, reader, seen);
-        Ok(now.moved_to(unknowns, now.solved(unknowns, &observations, DOUBT_CHI2)?)?)
+        now.adjusted_to(unknowns, &observations)
     }
 
     /// Poses of some frames anew, by their places among those seen, as the instrument sees them by now.
@@ -95,7 +95,7 @@ impl Calibrator<'_> {
     ) -> Result<Now, CalibrateError> {
         let mut observations = self.close_observations(now, reader, seen);
         observations.retain(|observation| is_sought(observation.frame));
-        Ok(now.moved_to(&[], now.solved(&[], &observations, DOUBT_CHI2)?)?)
+        now.adjusted_to(&[], &observations)
     }
 
     fn close_observations(&self, now: &Now, reader: &Reconstructor, seen: &[Seen<'_>]) -> Vec<Observation> {
@@ -149,7 +149,7 @@ impl Calibrator<'_> {
         seen: &[Seen<'_>],
         trust: impl Fn((usize, usize, usize)) -> &'static Trust,
     ) -> Vec<Observation> {
-        let problem = now.problem(&[], &[], 1.0);
+        let problem = now.problem(&[], &[], Weighing::BY_NOISE);
         let state = &now.adjusted.state;
         let mut observations = Vec::new();
         for (place, one) in seen.iter().enumerate() {
@@ -190,7 +190,7 @@ impl Calibrator<'_> {
         const OFF_PX_MAX: f64 = 3.0;
         const EXTRA_PX_MAX: f64 = 2.0;
         const EXTRA_SHARE_MAX: f64 = 0.35;
-        let problem = now.problem(&[], &[], 1.0);
+        let problem = now.problem(&[], &[], Weighing::BY_NOISE);
         let state = &now.adjusted.state;
         let fault = |place: usize| -> Option<(f64, FrameFault)> {
             let own = || observations.iter().filter(|observation| observation.frame == place);
@@ -252,7 +252,7 @@ impl Calibrator<'_> {
             .collect();
         let mut start = start.clone();
         start.adjusted.state.poses = poses;
-        let Ok(other) = start.solved(unknowns, &swapped, DOUBT_CHI2) else { return Ok(()) };
+        let Ok(other) = start.solved(unknowns, &swapped, WEIGHING) else { return Ok(()) };
         if other.cost < BETTER * adjusted.cost {
             let [telecentric, entocentric] =
                 [telecentric, entocentric].map(|band| self.instrument.bands[band].name.clone());
@@ -275,7 +275,7 @@ impl Calibrator<'_> {
         let Some(worst) = worst.filter(|worst| sigmas(worst) > sigmas_max) else { return Ok(()) };
         let focus_mm = self.instrument.focus_distance_mm();
         let [stated, _] = self.instrument.projections();
-        let cameras = now.problem(unknowns, &[], 1.0).cameras_of(values);
+        let cameras = now.problem(unknowns, &[], Weighing::BY_NOISE).cameras_of(values);
         let slots = &cameras[self.instrument.band_index(Role::Telecentric)].slots;
         let found = Projection {
             sensor_distance_mm: slots[Slot::SensorDistance as usize],

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use rayon::prelude::*;
 use twinpupil_reconstruct::{KnownDot, KnownLight, Mode, SpotScore};
 
-use crate::adjust::Observation;
+use crate::adjust::{Observation, Weighing};
 use crate::calibrate::{CalibrateError, Calibrator, Foreign, Stage};
 use crate::now::Now;
 use crate::seen::Seen;
@@ -95,7 +95,7 @@ impl Calibrator<'_> {
 
 /// What one frame comes to whose dots have these scores.
 fn compared(now: &Now, seen: &Seen<'_>, place: usize, scores: &[Vec<Option<SpotScore>>]) -> Comparison {
-    let problem = now.problem(&[], &[], 1.0);
+    let problem = now.problem(&[], &[], Weighing::BY_NOISE);
     let state = &now.adjusted.state;
     let mut comparison = Comparison::default();
     let shown = |band: usize| seen.dots(band).map(move |(dot, _)| (band, dot));

@@ -8,7 +8,7 @@
 use nalgebra::{DMatrix, DVector};
 use twinpupil_instrument::{Correction, DistortionTerm, Instrument, Parameter, Role};
 
-use crate::adjust::{Observation, Testimony};
+use crate::adjust::{Observation, Testimony, Weighing};
 use crate::now::Now;
 use crate::result::{HeldOut, PARTS_MAX};
 use crate::unknown::{Quantity, Unknown};
@@ -158,8 +158,9 @@ pub(crate) fn tried(
         return None;
     }
     let widest = Candidate::new(now, unknowns, observations, *DEGREES.end())?;
-    let doubt_chi2 = now.doubt_chi2(unknowns, observations, &now.adjusted.state);
-    let problem = widest.now.problem(&widest.unknowns, observations, doubt_chi2);
+    // What the numbers leave is doubted no more than it was, but counts in full: a correction may explain it.
+    let weighing = Weighing { misfit: 1.0, ..now.weighing(unknowns, observations, &now.adjusted.state) };
+    let problem = widest.now.problem(&widest.unknowns, observations, weighing);
     let state = &widest.now.adjusted.state;
     let held_out = Parts {
         testimonies: problem.testimonies(state, frames.min(PARTS_MAX)),

@@ -4,18 +4,19 @@ use nalgebra::DMatrix;
 use twinpupil_instrument::check::ValueError;
 use twinpupil_instrument::{Band, Instrument, LensTerms, Projection};
 
-use crate::adjust::{Adjusted, BandCamera, Dots, Observation, Problem, State};
+use crate::adjust::{Adjusted, BandCamera, Dots, Observation, Problem, State, Weighing};
 use crate::calibrate::CalibrateError;
 use crate::camera::cameras;
 use crate::pose::Pose;
 use crate::stage::{StagePosition, Way};
 use crate::unknown::{Quantity, Unknown};
 
-/// χ² of one spot's four numbers beyond which it is doubted, over that of the typical spot.
-const DOUBT: f64 = 20.0;
-
 /// χ² of four numbers that half of all exceed.
 const MEDIAN_CHI2: f64 = 3.357;
+
+/// Times at most that observations are weighed anew, and the relative change of their misfit that is none.
+const MISFIT_ROUNDS: usize = 6;
+const MISFIT_RESTING: f64 = 0.03;
 
 const UNSOLVED: CalibrateError = CalibrateError::Undetermined("their equations have no solution");
 
@@ -51,8 +52,13 @@ impl Now {
             poses,
             offsets_mm: vec![[0.0; 2]; dots.position_mm.len()],
         };
-        let adjusted =
-            Adjusted { state, covariance: DMatrix::zeros(0, 0), pose_covariances: Vec::new(), cost: f64::INFINITY };
+        let adjusted = Adjusted {
+            state,
+            covariance: DMatrix::zeros(0, 0),
+            pose_covariances: Vec::new(),
+            cost: f64::INFINITY,
+            misfit: 1.0,
+        };
         Self { instrument, projections, lens, cameras, dots, stage, diameter_scale: 1.0, adjusted }
     }
 
@@ -61,7 +67,7 @@ impl Now {
         &'a self,
         unknowns: &'a [Unknown],
         observations: &'a [Observation],
-        doubt_chi2: f64,
+        weighing: Weighing,
     ) -> Problem<'a> {
         Problem {
             pitch_mm: self.instrument.sensor.pitch_mm,
@@ -72,34 +78,39 @@ impl Now {
             observations,
             // Poses that are fitted alone are seen by the camera alone.
             stage: if unknowns.is_empty() { &[] } else { &self.stage },
-            doubt_chi2,
+            weighing,
         }
     }
 
-    /// Adjusted to observations, some of which may be wrong: what counts as doubtful depends on how well the rest is explained.
+    /// Adjusted to observations, some of which may be wrong: what counts as doubtful, and how much all of them count beside
+    /// what is known beforehand, depends on how well they are explained.
     pub(crate) fn adjusted_to(
         &self,
         unknowns: &[Unknown],
         observations: &[Observation],
     ) -> Result<Self, CalibrateError> {
-        let mut adjusted = self.solved(unknowns, observations, DOUBT)?;
-        let doubt_chi2 = self.doubt_chi2(unknowns, observations, &adjusted.state);
-        if doubt_chi2 > DOUBT {
-            let problem = self.problem(unknowns, observations, doubt_chi2);
+        let mut adjusted = self.solved(unknowns, observations, Weighing::DOUBTING)?;
+        for _ in 0..MISFIT_ROUNDS {
+            let weighing = self.weighing(unknowns, observations, &adjusted.state);
+            if (weighing.misfit / adjusted.misfit - 1.0).abs() < MISFIT_RESTING {
+                break;
+            }
+            let problem = self.problem(unknowns, observations, weighing);
             adjusted = problem.adjust(adjusted.state).ok_or(UNSOLVED)?;
         }
         Ok(self.moved_to(unknowns, adjusted)?)
     }
 
-    /// χ² of an observation beyond which it is doubted where this state explains them.
-    pub(crate) fn doubt_chi2(&self, unknowns: &[Unknown], observations: &[Observation], state: &State) -> f64 {
-        let typical = self.problem(unknowns, observations, DOUBT).typical_chi2(state);
-        DOUBT * (typical / MEDIAN_CHI2).max(1.0)
+    /// What observations count for where a state explains them as it does.
+    pub(crate) fn weighing(&self, unknowns: &[Unknown], observations: &[Observation], state: &State) -> Weighing {
+        let problem = self.problem(unknowns, observations, Weighing::BY_NOISE);
+        let typical = (problem.typical_chi2(state) / MEDIAN_CHI2).max(1.0);
+        Weighing::of_typical(typical, problem.likeness(state))
     }
 
     /// Root mean square distance of the places that observations find most likely from where the images are, px.
     pub(crate) fn rms_px(&self, observations: &[Observation]) -> f64 {
-        let problem = self.problem(&[], observations, DOUBT);
+        let problem = self.problem(&[], observations, Weighing::BY_NOISE);
         let state = &self.adjusted.state;
         let square = |own: &Observation| {
             let image = problem.image(own.band, own.dot, &self.cameras, state, &state.poses[own.frame]);
@@ -108,14 +119,14 @@ impl Now {
         (observations.iter().map(square).sum::<f64>() / observations.len().max(1) as f64).sqrt()
     }
 
-    /// What explains observations best that are doubted beyond a χ² of `doubt_chi2`.
+    /// What explains observations best.
     pub(crate) fn solved(
         &self,
         unknowns: &[Unknown],
         observations: &[Observation],
-        doubt_chi2: f64,
+        weighing: Weighing,
     ) -> Result<Adjusted, CalibrateError> {
-        let problem = self.problem(unknowns, observations, doubt_chi2);
+        let problem = self.problem(unknowns, observations, weighing);
         problem.adjust(self.adjusted.state.clone()).ok_or(UNSOLVED)
     }
 

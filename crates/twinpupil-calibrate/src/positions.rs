@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Matrix4, Rotation3, Vector3, Vector4};
 use twinpupil_instrument::{Instrument, LensTerms, PixelPoint, Projection};
 
-use crate::adjust::{BLUR_SHARE, Dots, Observation};
+use crate::adjust::{BLUR_SHARE, Dots, Observation, Weighing};
 use crate::calibrate::{CalibrateError, Foreign};
 use crate::now::Now;
 use crate::pose::Pose;
@@ -85,7 +85,7 @@ impl PositionCalibrator<'_> {
         let mut observations = Vec::new();
         for _ in 0..COMPARISONS {
             observations = self.compared(&now, &images)?;
-            let next = now.moved_to(&unknowns, now.solved(&unknowns, &observations, f64::INFINITY)?)?;
+            let next = now.moved_to(&unknowns, now.solved(&unknowns, &observations, Weighing::BY_NOISE)?)?;
             let moved = next.moved_sigmas(&now, &unknowns);
             now = next;
             if moved < RESTING_SIGMAS {
@@ -108,7 +108,7 @@ impl PositionCalibrator<'_> {
     /// What every image says of a change from where the instrument is by now.
     fn compared(&self, now: &Now, images: &[DotImage]) -> Result<Vec<Observation>, CalibrateError> {
         let image_of = (self.optics)(&now.instrument).map_err(CalibrateError::Foreign)?;
-        let (problem, state) = (now.problem(&[], &[], f64::INFINITY), &now.adjusted.state);
+        let (problem, state) = (now.problem(&[], &[], Weighing::BY_NOISE), &now.adjusted.state);
         let observation = |&DotImage { frame, band, dot, shown }: &DotImage| {
             let Shown { centre, blur_px } = image_of(band, state.dot_mm(&now.dots, frame, dot).into())?;
             let anchor = problem.image(band, dot, &now.cameras, state, &state.poses[frame]);
@@ -126,7 +126,7 @@ impl PositionCalibrator<'_> {
 
 /// How far images are from where the adjusted instrument shows them.
 fn rms_px(now: &Now, observations: &[Observation]) -> f64 {
-    let (problem, state) = (now.problem(&[], &[], f64::INFINITY), &now.adjusted.state);
+    let (problem, state) = (now.problem(&[], &[], Weighing::BY_NOISE), &now.adjusted.state);
     let off_px2 = |observation: &Observation| {
         let &Observation { frame, band, dot, anchor, change, .. } = observation;
         let image = problem.image(band, dot, &now.cameras, state, &state.poses[frame]);

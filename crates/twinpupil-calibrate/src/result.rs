@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, Matrix4, Vector4};
 use twinpupil_instrument::{CalibrationFrame, CalibrationSpec, Instrument, Role};
 
-use crate::adjust::{Observation, Problem};
+use crate::adjust::{Observation, OnWay, Problem, Weighing};
 use crate::advice::advice;
 use crate::calibrate::{CalibrateError, Fault};
 use crate::compare::Fitness;
@@ -170,20 +170,22 @@ impl Calibration {
     pub(crate) fn conclude(conclusion: Conclusion<'_>) -> Result<Self, CalibrateError> {
         let Conclusion { instrument, target, unknowns, now, seen, faults, observations, fitness, held_out, correction } =
             conclusion;
-        let problem = now.problem(unknowns, observations, f64::INFINITY);
+        let problem = now.problem(unknowns, observations, Weighing::BY_NOISE);
         let residuals = residuals(&problem, now, seen, observations);
         // Of places alone: size and blur count for less than they are known to.
         let chi2: f64 = residuals.iter().map(Residual::place_chi2).sum();
         let freedom = (2 * residuals.len()).saturating_sub(unknowns.len() + 6 * seen.len()).max(1);
         let reduced_chi2 = chi2 / freedom as f64;
+        // Beyond what they are weighed by already.
+        let excess = (reduced_chi2 / now.adjusted.misfit).max(1.0);
         let count = unknowns.len();
-        let scale = |i: usize, k: usize| unknowns[i].prior_std * unknowns[k].prior_std * reduced_chi2.max(1.0);
+        let scale = |i: usize, k: usize| unknowns[i].prior_std * unknowns[k].prior_std * excess;
         let covariance = DMatrix::from_fn(count, count, |i, k| now.adjusted.covariance[(i, k)] * scale(i, k));
         let data = problem.information_of_each(&now.adjusted.state);
         let numbers = numbers(instrument, unknowns, now, &covariance, &data);
         let frames: Vec<FrameResult> = (0..seen.len())
             .map(|place| {
-                let result = frame_result(place, now, seen, &residuals, (observations, fitness), reduced_chi2);
+                let result = frame_result(place, now, seen, &residuals, (observations, fitness), excess);
                 FrameResult { off_stage: off_stage(&problem, now, place), ..result }
             })
             .collect();
@@ -308,7 +310,7 @@ fn frame_result(
     seen: &[Seen<'_>],
     residuals: &[Residual],
     (observations, fitness): (&[Observation], &[Fitness]),
-    reduced_chi2: f64,
+    excess: f64,
 ) -> FrameResult {
     let frame = seen[place].frame;
     let own = || residuals.iter().filter(|residual| residual.frame == frame);
@@ -318,7 +320,7 @@ fn frame_result(
     FrameResult {
         frame,
         pose: now.adjusted.state.poses[place],
-        pose_std: std::array::from_fn(|k| (covariance[(k, k)] * reduced_chi2.max(1.0)).max(0.0).sqrt()),
+        pose_std: std::array::from_fn(|k| (covariance[(k, k)] * excess).max(0.0).sqrt()),
         spots: own().count(),
         rms_px: rms_px(own()),
         pixel_chi2: chi2 / used_px.max(1) as f64,
@@ -327,8 +329,7 @@ fn frame_result(
 }
 
 fn off_stage(problem: &Problem<'_>, now: &Now, place: usize) -> Option<OffStage> {
-    let off_mm = problem.off_stage_mm(&now.adjusted.state, place)?;
-    let position = problem.stage[place]?;
+    let OnWay { off_mm, position, .. } = problem.on_way(&now.adjusted.state, place)?;
     Some(OffStage { off_mm: off_mm.into(), sigmas: off_mm.norm() / position.std_mm / 3.0_f64.sqrt() })
 }
 
@@ -380,7 +381,7 @@ fn rms_mm(errors: &[DepthError]) -> f64 {
 /// How far every dot that the pair of bands shows seems before or behind the target, mm, if its place and diameter are
 /// unknown.
 fn depth_errors(now: &Now, observations: &[Observation]) -> Vec<DepthError> {
-    let problem = now.problem(&[], observations, f64::INFINITY);
+    let problem = now.problem(&[], observations, Weighing::BY_NOISE);
     let state = &now.adjusted.state;
     let bands = [Role::Telecentric, Role::Entocentric].map(|role| now.instrument.band_index(role));
     let mut errors = Vec::new();

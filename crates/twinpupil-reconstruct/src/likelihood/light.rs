@@ -38,7 +38,7 @@ pub(crate) struct Light {
 pub(crate) const SHARP_PX: f64 = 1.0;
 
 /// From this blur on the pixel is felt at the ends of the edge alone.
-pub(crate) const WIDE_PX: f64 = 4.0;
+pub(crate) const WIDE_PX: f64 = 12.0;
 
 /// Share of its radius by which the blur of a dot may reach across the edge at one end and along it at the other before
 /// both have to be told apart.
@@ -429,6 +429,25 @@ mod tests {
             let dot = Dot { centre_mm: [4.0, 2.5, z_mm], diameter_mm: 0.9, slopes: [0.0, -0.53] };
             let [u, v, ..] = biases(&dot, 1, 1);
             assert!(u.px.abs() < PX_MAX && v.px.abs() < PX_MAX, "{z_mm}: {u:?} {v:?}");
+        }
+    }
+
+    /// Many dots of a target tell the radius of a mask to some 10⁻⁵ of it.
+    #[test]
+    fn no_blur_seems_too_wide_or_too_narrow() {
+        const SHARE_MAX: f64 = 2e-4;
+        const MEAN_MAX: f64 = 2.5e-5;
+        let distances_mm = [256.0, 266.0, 276.0, 284.0, 312.0, 318.0, 328.0, 338.0];
+        for slopes in [[0.0; 2], [0.5, -0.2]] {
+            let share = |z_mm: f64| {
+                let dot = Dot { centre_mm: [4.0, 2.5, z_mm], diameter_mm: 0.9, slopes };
+                let blur_px = 0.5 * (L_MM + (1.0 - L_MM / F_MM) * z_mm) / F_MM / PITCH_MM;
+                biases(&dot, 0, 3)[3].px / blur_px
+            };
+            let shares = distances_mm.map(share);
+            let mean = shares.iter().sum::<f64>() / shares.len() as f64;
+            assert!(mean.abs() < MEAN_MAX, "{slopes:?}: {mean} {shares:?}");
+            assert!(shares.iter().all(|share| share.abs() < SHARE_MAX), "{slopes:?}: {shares:?}");
         }
     }
 

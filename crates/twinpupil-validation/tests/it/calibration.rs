@@ -3,18 +3,21 @@
 use std::sync::OnceLock;
 
 use twinpupil_calibrate::{
-    CalibrateError, Calibration, Choices, CorrectionChoice, FrameFault, LeftOpen, StagePosition, Target, TargetSpec,
+    CalibrateError, Calibration, Choices, CorrectionChoice, FrameFault, LeftOpen, Quantity, StagePosition, Target,
+    TargetSpec,
 };
-use twinpupil_instrument::{Frame, Instrument, Mosaic};
+use twinpupil_instrument::{Frame, Instrument, Mosaic, Parameter};
 use twinpupil_validation::calibration::{
-    DepthError, Exposures, POSES, TargetPose, axis, calibrate, calibrate_on_stage, calibrated, data_sheet,
-    off_data_sheet, target,
+    DepthError, Exposures, POSES, TargetPose, axis, calibrate, calibrate_on_stage, calibrated, coarse, data_sheet,
+    off_data_sheet, target, warped,
 };
 use twinpupil_validation::plates::Pose;
 
-/// Rays a pixel: what this leaves is below the noise of calibration, but for the size of dots, which many edges tell.
+/// Rays a pixel: what this leaves is below the noise of calibration, but for the size of dots and the radii of masks, which
+/// many edges tell.
 const PUPIL_SAMPLES: usize = 256;
 const SIZE_ERROR_OF_RAYS: f64 = 1e-5;
+const RADIUS_ERROR_OF_RAYS: f64 = 2e-4;
 
 fn truth() -> Instrument {
     off_data_sheet(&data_sheet(Mosaic::Rgb), true)
@@ -41,8 +44,12 @@ fn a_camera_off_its_data_sheet_is_calibrated() {
     assert!(calibration.rms_px < 0.005, "{}", calibration.rms_px);
     for number in &calibration.numbers {
         let (expected, of_rays) = match number.quantity {
-            twinpupil_calibrate::Quantity::Instrument(parameter) => (parameter.value(&truth()), 0.0),
-            twinpupil_calibrate::Quantity::DotDiameter => (1.0, SIZE_ERROR_OF_RAYS),
+            Quantity::Instrument(parameter) => {
+                let expected = parameter.value(&truth());
+                let is_radius = matches!(parameter, Parameter::ZoneRadius(..));
+                (expected, if is_radius { RADIUS_ERROR_OF_RAYS * expected } else { 0.0 })
+            }
+            Quantity::DotDiameter => (1.0, SIZE_ERROR_OF_RAYS),
         };
         let sigmas = (number.value - expected).abs() / number.std.hypot(of_rays);
         assert!(sigmas < 4.0, "{} is {} ± {}, not {expected}", number.key, number.value, number.std);
@@ -56,6 +63,26 @@ fn a_camera_that_its_numbers_describe_is_given_no_correction() {
     let finding = calibration().correction.as_ref().expect("seven frames");
     assert!(finding.degree.is_none() && !finding.is_kept(), "{finding:?}");
     assert!(calibration().instrument.bands.iter().all(|band| band.correction.is_none()));
+}
+
+#[test]
+fn a_field_that_no_number_stands_for_is_corrected_without_driving_numbers_off() {
+    const FIELD_PX: f64 = 0.1;
+    const RAYS: usize = 64;
+    const TOLERANCES_MAX: f64 = 2.0;
+    let sheet = coarse(&data_sheet(Mosaic::Rgb));
+    let truth = warped(&coarse(&off_data_sheet(&data_sheet(Mosaic::Rgb), false)), FIELD_PX, 1);
+    let frames = Exposures::of_target(truth.clone(), &target(), &POSES, RAYS).frames(1);
+    let choices = Choices { correction: CorrectionChoice::Auto, ..Choices::default() };
+    let calibration = calibrate(&sheet, &target(), &frames, &choices).expect("within the data sheet");
+    for (_, number) in calibration.named() {
+        let Quantity::Instrument(parameter) = number.quantity else { continue };
+        let off = (number.value - parameter.value(&truth)).abs() / number.tolerance;
+        assert!(off < TOLERANCES_MAX, "{}: {off} tolerances", number.key);
+    }
+    let finding = calibration.correction.as_ref().expect("seven frames");
+    let [without, with] = finding.held_out.expect("one is chosen");
+    assert!(finding.is_kept() && with.z_rms_mm < 0.2 * without.z_rms_mm, "{finding:?}");
 }
 
 #[test]
