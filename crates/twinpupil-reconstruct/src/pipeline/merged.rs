@@ -35,33 +35,23 @@ impl Reconstructor {
         placing.slopes.lay_through(placing.points.iter().flatten().map(|placed| placed.point.position_mm));
         let before = placing.groups.len();
         for (merged, apart) in [(0, 1), (1, 0)] {
-            let predicted: SmallVec<[(usize, Feature); PARTS_MAX]> = of_band(apart)
-                .filter_map(|index| {
-                    let feature = &detections[apart].features[index];
-                    Some((index, self.partner(apart, merged, feature, &mut placing.slopes, &placing.points)?))
+            let predicted: SmallVec<[Part; PARTS_MAX]> = of_band(apart)
+                .filter_map(|partner| {
+                    let feature = &detections[apart].features[partner];
+                    let image = self.partner(apart, merged, feature, &mut placing.slopes, &placing.points)?;
+                    Some(Part { partner, image })
                 })
                 .collect();
             for whole in of_band(merged) {
-                let own = detections[merged].features[whole];
-                let parts: SmallVec<[(usize, Feature); PARTS_MAX]> =
-                    predicted.iter().filter(|(_, part)| lies_within(part, &own)).copied().collect();
-                let area_px: f64 = parts.iter().map(|(_, part)| part.area_px).sum();
-                let fills = (own.area_px / area_px).max(area_px / own.area_px) < AREA_FACTOR;
-                if !(2..=PARTS_MAX).contains(&parts.len()) || !fills {
-                    continue;
-                }
-                for (place, (other, part)) in parts.into_iter().enumerate() {
-                    let part = Feature { height_codes: own.height_codes, overlapped: true, ..part };
-                    let features = &mut detections[merged].features;
-                    let index = if place == 0 { whole } else { features.len() };
-                    if place == 0 {
-                        features[whole] = part
-                    } else {
-                        features.push(part)
-                    }
-                    let [telecentric, entocentric] = if merged == 0 { [index, other] } else { [other, index] };
-                    let pair = Match { telecentric, entocentric, azimuth_residual_px: 0.0, ambiguous: false };
-                    placing.groups.push(Group::late(pair));
+                let features = &mut detections[merged].features;
+                let parts: SmallVec<[Part; PARTS_MAX]> =
+                    predicted.iter().filter(|part| part.lies_within(&features[whole])).copied().collect();
+                if fill(&parts, &features[whole]) {
+                    divide(features, whole, &parts);
+                    let added = features.len() + 1 - parts.len()..features.len();
+                    let indices = std::iter::once(whole).chain(added);
+                    let pairs = parts.iter().zip(indices).map(|(part, index)| part.pair(merged, index));
+                    placing.groups.extend(pairs.map(Group::late));
                 }
             }
         }
@@ -100,8 +90,40 @@ impl Reconstructor {
     }
 }
 
-/// Whether a part's middle lies in the whole.
-fn lies_within(part: &Feature, whole: &Feature) -> bool {
-    let away_px = (part.centre.u - whole.centre.u).hypot(part.centre.v - whole.centre.v);
-    away_px < SPREAD * (whole.area_px / std::f64::consts::PI).sqrt()
+/// A dot that one band shows apart, and its image in the other where that shows it together with others.
+#[derive(Debug, Clone, Copy)]
+struct Part {
+    /// Index of its feature in the band that shows it apart.
+    partner: usize,
+    image: Feature,
+}
+
+impl Part {
+    /// Whether its middle lies in the whole.
+    fn lies_within(&self, whole: &Feature) -> bool {
+        let away_px = (self.image.centre.u - whole.centre.u).hypot(self.image.centre.v - whole.centre.v);
+        away_px < SPREAD * (whole.area_px / std::f64::consts::PI).sqrt()
+    }
+
+    /// With its feature at `index` of the band that merged it.
+    fn pair(&self, merged: usize, index: usize) -> Match {
+        let [telecentric, entocentric] = if merged == 0 { [index, self.partner] } else { [self.partner, index] };
+        Match { telecentric, entocentric, azimuth_residual_px: 0.0, ambiguous: false }
+    }
+}
+
+/// Whether there are several parts, and they fill the whole.
+fn fill(parts: &[Part], whole: &Feature) -> bool {
+    let area_px: f64 = parts.iter().map(|part| part.image.area_px).sum();
+    (2..=PARTS_MAX).contains(&parts.len()) && (whole.area_px / area_px).max(area_px / whole.area_px) < AREA_FACTOR
+}
+
+/// Puts the first part in place of the whole, and the others behind all features.
+fn divide(features: &mut Vec<Feature>, whole: usize, parts: &[Part]) {
+    let height_codes = features[whole].height_codes;
+    let mut own = parts.iter().map(|part| Feature { height_codes, overlapped: true, ..part.image });
+    if let Some(first) = own.next() {
+        features[whole] = first;
+    }
+    features.extend(own);
 }
