@@ -574,11 +574,11 @@ impl Problem<'_> {
 }
 
 /// How far the forward model's images may be from those of the real masks: u, v, radius and blur, px. Centres are off at
-/// random; radius and blur alike for all dots of a frame, on the average over frames by up to 2e-5 and 1e-4 px and 6e-6 of the
-/// blur, which many dots make no better: theirs are larger by the square root of the dots that share them. In one frame blur
-/// is off by up to 3e-4 px either way, as frames without noise show it.
-const MODEL_STD_PX: [f64; 4] = [3e-4, 3e-4, 1.5e-4, 8e-4];
-pub(crate) const BLUR_SHARE: f64 = 5e-5;
+/// random; radius and blur alike for all dots of a frame, which many dots make no better: theirs are larger by the square root
+/// of the dots that share them. Behind an ideal lens a tenth of that is left on the average over frames, as frames without noise
+/// show it; a lens surface by surface leaves more.
+const MODEL_STD_PX: [f64; 4] = [3e-4, 3e-4, 7e-4, 1.5e-3];
+pub(crate) const BLUR_SHARE: f64 = 1.2e-3;
 
 /// The same where the masks cut the light, near the axis.
 const CUT_STD_PX: [f64; 4] = [1e-3, 1e-3, 2e-3, 5e-3];
