@@ -209,12 +209,12 @@ impl FresnelBand {
         let map = self.ideal.object_map(object_mm[2]);
         let (mut light, mut moment, mut weighed) = (0.0, [0.0, 0.0], [0.0, 0.0]);
         let (mut added, mut weights) = (Vec::with_capacity(4 * RAYS_PER_QUADRANT), 0.0);
-        for pupil in quadrants(RAYS_PER_QUADRANT).filter(|point| self.is_open(*point)) {
+        let object_xy_mm = [object_mm[0], object_mm[1]];
+        for pupil in quadrants(RAYS_PER_QUADRANT).filter(|point| self.masks.is_open(*point)) {
             let Some(Arrival { weight, share, image_mm, passes }) = self.arrival(&map, object_mm, pupil) else {
                 continue;
             };
-            let ideal_mm = [0, 1].map(|k| (object_mm[k] - map.component(k, pupil[k], 0.0)) / map.per_image);
-            let added_mm = minus(image_mm, ideal_mm);
+            let added_mm = minus(image_mm, map.image_mm(object_xy_mm, pupil));
             added.push(Added { pupil, added_mm, weight });
             weights += weight;
             weighed = [0, 1].map(|k| weighed[k] + weight * image_mm[k]);
@@ -228,7 +228,7 @@ impl FresnelBand {
             return PointImage { throughput: 0.0, ..ideal };
         }
         // The middle of the ideal lens's rays.
-        let chief_mm = [0, 1].map(|k| (object_mm[k] - map.component(k, 0.0, 0.0)) / map.per_image);
+        let chief_mm = map.image_mm(object_xy_mm, [0.0; 2]);
         let lit = light > 0.0;
         let [x_mm, y_mm] = moment.map(|moment| moment / light);
         PointImage {
@@ -237,12 +237,6 @@ impl FresnelBand {
             aberration_mm: minus(weighed.map(|weighed| weighed / weights), chief_mm),
             spread: spread(object_mm, &added),
         }
-    }
-
-    /// Whether the pupil lets a point of its unit disc pass.
-    fn is_open(&self, point: [f64; 2]) -> bool {
-        let (pupil, radius_mm) = (self.masks.pupil(), self.masks.pupil_radius_mm);
-        pupil.check([0, 1].map(|k| pupil.centre_mm[k] + radius_mm * point[k])).is_ok()
     }
 
     /// How the ray through a pupil point and the object point arrives, if it gets through the lens.
@@ -270,7 +264,7 @@ impl FresnelBand {
     /// The upright image position whose ray through a pupil point meets the object point, and that ray in object
     /// space, if the lens lets it through.
     fn aim(&self, map: &Linear, object_mm: [f64; 3], pupil: [f64; 2]) -> Option<([f64; 2], Line)> {
-        let mut image_mm = [0, 1].map(|k| (object_mm[k] - map.component(k, pupil[k], 0.0)) / map.per_image);
+        let mut image_mm = map.image_mm([object_mm[0], object_mm[1]], pupil);
         // Newton's method with the ideal lens's derivative, which the real one's differs from by some per cent.
         for _ in 0..NEWTON_STEPS {
             let ray = self.refract(&self.launch(image_mm, pupil)).ok()?;

@@ -51,6 +51,12 @@ impl Linear {
         self.per_pupil * pupil + self.per_image * image_mm + self.constant[k]
     }
 
+    /// The image point whose ray through a pupil point takes these values, mm.
+    #[inline]
+    pub(crate) fn image_mm(&self, values: [f64; 2], pupil: [f64; 2]) -> [f64; 2] {
+        [0, 1].map(|k| (values[k] - self.component(k, pupil[k], 0.0)) / self.per_image)
+    }
+
     /// Component `k` for many rays.
     pub(crate) fn fill(&self, k: usize, pupil: &[f64], image_mm: &[f64], values: &mut [f64]) {
         fill(self, k, pupil, image_mm, values);

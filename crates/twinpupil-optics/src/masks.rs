@@ -33,6 +33,12 @@ impl Masks {
         &self.stops[self.pupil]
     }
 
+    /// Whether the pupil lets a point of its unit disc pass.
+    pub(crate) fn is_open(&self, point: [f64; 2]) -> bool {
+        let pupil = self.pupil();
+        pupil.check([0, 1].map(|k| pupil.centre_mm[k] + self.pupil_radius_mm * point[k])).is_ok()
+    }
+
     /// Width at an aperture of the pencil that leaves a sensor point, relative to its width at the lens.
     pub(crate) fn sensor_pencil(&self, position_mm: f64) -> f64 {
         let (l, f) = (self.sensor_distance_mm, self.focal_length_mm);

@@ -276,11 +276,9 @@ impl PrescribedBand {
     pub(crate) fn point_image(&self, object_mm: [f64; 3], rays_per_quadrant: usize) -> PointImage {
         let behind_ideal = self.masks.point_image(object_mm);
         let map = self.ideal.object_map(object_mm[2]);
-        let (pupil, radius_mm) = (self.masks.pupil(), self.masks.pupil_radius_mm);
-        let is_open = |point: &[f64; 2]| pupil.check([0, 1].map(|k| pupil.centre_mm[k] + radius_mm * point[k])).is_ok();
-        let starts: Vec<([f64; 2], [f64; 2])> = quadrants(rays_per_quadrant)
-            .filter(is_open)
-            .map(|point| ([0, 1].map(|k| (object_mm[k] - map.component(k, point[k], 0.0)) / map.per_image), point))
+        let starts: Vec<Start> = quadrants(rays_per_quadrant)
+            .filter(|point| self.masks.is_open(*point))
+            .map(|point| (map.image_mm([object_mm[0], object_mm[1]], point), point))
             .collect();
         let arrivals = self.arrivals(&map, object_mm, &starts);
         let light: f64 = arrivals.iter().flatten().map(|arrival| arrival.share).sum();
@@ -309,7 +307,7 @@ impl PrescribedBand {
 
     /// How every ray arrives that meets an object point through the pupil points of `starts`, which say where the ideal lens
     /// would image it; `None` for one that does not get through.
-    fn arrivals(&self, map: &Linear, object_mm: [f64; 3], starts: &[([f64; 2], [f64; 2])]) -> Vec<Option<Arrival>> {
+    fn arrivals(&self, map: &Linear, object_mm: [f64; 3], starts: &[Start]) -> Vec<Option<Arrival>> {
         let mut now = starts.to_vec();
         let mut rays = ObjectRays::default();
         let at = |rays: &ObjectRays, n: usize| {

@@ -198,9 +198,9 @@ impl RayMap {
     /// Rays from an image point of the patch to pupil points, as
     /// [`BandOptics::trace`](crate::BandOptics::trace) gives them.
     pub fn trace(&self, image: ImagePoint, pupil: [&[f64]; 2], rays: &mut ObjectRays, ledger: &mut RayLedger) {
-        self.weigh(image, pupil, rays, ledger);
-        let ObjectRays { x_mm, y_mm, slope_x, slope_y, .. } = rays;
         let image_powers = self.image_powers(image);
+        self.weigh_at(&image_powers, pupil, rays, ledger);
+        let ObjectRays { x_mm, y_mm, slope_x, slope_y, .. } = rays;
         let mut at = [0.0; PUPIL_TERMS_MAX];
         for (component, values) in self.line.iter().zip([x_mm, y_mm, slope_x, slope_y]) {
             component.at(&image_powers, self.degree, &mut at);
@@ -210,18 +210,27 @@ impl RayMap {
 
     /// Their weights alone; where the rays go, `rays` does not tell then.
     pub fn weigh(&self, image: ImagePoint, pupil: [&[f64]; 2], rays: &mut ObjectRays, ledger: &mut RayLedger) {
+        self.weigh_at(&self.image_powers(image), pupil, rays, ledger);
+    }
+
+    fn weigh_at(
+        &self,
+        image_powers: &[f64; IMAGE_TERMS],
+        pupil: [&[f64]; 2],
+        rays: &mut ObjectRays,
+        ledger: &mut RayLedger,
+    ) {
         rays.resize(pupil[0].len().min(pupil[1].len()));
         let weight = &mut rays.weight;
         let pupil = pupil.map(|values| &values[..weight.len()]);
-        let image_powers = self.image_powers(image);
         let mut at = [0.0; PUPIL_TERMS_MAX];
-        self.weight.at(&image_powers, self.degree, &mut at);
+        self.weight.at(image_powers, self.degree, &mut at);
         evaluate(self.degree, &at, pupil, weight);
         let mut lost = 0;
         let mut places = [at; 2];
         for (stop, components) in &self.masks {
             let met = components.iter().zip(&mut places);
-            met.for_each(|(component, at)| component.at(&image_powers, self.degree, at));
+            met.for_each(|(component, at)| component.at(image_powers, self.degree, at));
             if !stop.passes_disc(&reach(&places, self.degree, pupil)) {
                 lost += self.block(stop, &places, pupil, weight, ledger);
             }

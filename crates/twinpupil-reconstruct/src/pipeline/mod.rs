@@ -180,9 +180,7 @@ impl Placed {
         }
         finite
     }
-}
 
-impl Placed {
     /// Makes all variances so many times larger.
     fn widen(&mut self, ratio2: f64) {
         self.point.covariance_mm2 = self.point.covariance_mm2.map(|row| row.map(|covariance| ratio2 * covariance));
