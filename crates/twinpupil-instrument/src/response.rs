@@ -74,6 +74,8 @@ pub struct PointSpread {
     pub spherical_mm: f64,
     /// Growth of its light from the middle of the pupil to the end along x, relative.
     pub light_growth: f64,
+    /// How much less light pixels get there of an even surface than on the axis, through the whole pupil, relative.
+    pub falloff: f64,
     /// What these terms leave of where light through the pupil arrives, root mean square along x and across it, mm.
     pub left_mm: f64,
 }
@@ -88,6 +90,7 @@ impl Add for PointSpread {
             coma_mm: [0, 1, 2].map(|k| self.coma_mm[k] + other.coma_mm[k]),
             spherical_mm: self.spherical_mm + other.spherical_mm,
             light_growth: self.light_growth + other.light_growth,
+            falloff: self.falloff + other.falloff,
             left_mm: self.left_mm + other.left_mm,
         }
     }
@@ -103,6 +106,7 @@ impl Mul<f64> for PointSpread {
             coma_mm: self.coma_mm.map(|mm| mm * factor),
             spherical_mm: self.spherical_mm * factor,
             light_growth: self.light_growth * factor,
+            falloff: self.falloff * factor,
             left_mm: self.left_mm * factor,
         }
     }

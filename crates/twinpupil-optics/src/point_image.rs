@@ -50,6 +50,7 @@ pub(crate) fn spread([x_mm, y_mm, _]: [f64; 3], added: &[Added]) -> PointSpread 
         spherical_mm: -0.5 * (factors_mm[6][0] + factors_mm[7][1]),
         // The mean square of a coordinate over the disc is ¼.
         light_growth: 4.0 * tilt / light,
+        falloff: 1.0 - light / added.len() as f64,
         left_mm: 0.0,
     };
     let squares = added.iter().map(|one| {

@@ -115,9 +115,10 @@ impl BandLight {
         }
     }
 
-    /// Growth of the illumination along u and v, per px.
-    pub(crate) fn growth(&self) -> [f32; 2] {
-        self.illumination_slope.map(|slope| slope as f32)
+    /// Growth of the light along u and v, relative, 1/px: of the illumination, and of what the lens lets through.
+    pub(crate) fn growth(&self) -> [f64; 2] {
+        let ([iu, iv], [lu, lv]) = (self.illumination_slope, self.spot.falloff_slope());
+        [iu + lu, iv + lv]
     }
 
     /// Centre and size that explain the band best by themselves, with the blur that depth gives them.

@@ -1,7 +1,5 @@
 //! How the image of a dot through a real lens departs from that through an ideal one.
 
-use std::ops::{Add, Mul};
-
 use twinpupil_instrument::{Grid, PointSpread, ResponseTable};
 
 use crate::likelihood::pencil::Vector2;
@@ -12,8 +10,10 @@ use crate::likelihood::spot::{Dot, Matrix2};
 pub(crate) struct Departures {
     r_mm: Grid,
     z_mm: Grid,
-    /// Outwards to the place of the image, mm, and what else it does to it, of every node; distances are slow, radii fast.
-    nodes: Vec<(f64, PointSpread)>,
+    /// Outwards to the place of the image, mm, at every node; distances are slow, radii fast.
+    outwards_mm: Vec<f64>,
+    /// What else it does to it.
+    spreads: Vec<PointSpread>,
 }
 
 /// What the lens adds to the image of one dot.
@@ -37,42 +37,36 @@ pub(crate) struct Departure {
 impl Departures {
     /// Of a band of a table; `None` where the lens adds nothing.
     pub(crate) fn of(table: &ResponseTable, band: usize) -> Option<Self> {
-        let nodes: Vec<(f64, PointSpread)> =
-            table.bands[band].nodes.iter().map(|node| (node.aberration_mm, node.spread)).collect();
-        let adds = nodes.iter().any(|node| *node != (0.0, PointSpread::default()));
-        adds.then_some(Self { r_mm: table.r_mm, z_mm: table.z_mm, nodes })
+        let nodes = &table.bands[band].nodes;
+        let adds = nodes.iter().any(|node| node.aberration_mm != 0.0 || node.spread != PointSpread::default());
+        adds.then(|| Self {
+            r_mm: table.r_mm,
+            z_mm: table.z_mm,
+            outwards_mm: nodes.iter().map(|node| node.aberration_mm).collect(),
+            spreads: nodes.iter().map(|node| node.spread).collect(),
+        })
     }
 
-    /// Of a dot, from four points of its rim: the two on its own radius and the two beside its centre.
-    ///
-    /// An edge moves along its normal alone, so the mean of what the lens does to the two on the radius is what it does to
-    /// the place of the rim; the differences of the four tell how the rim grows, along the radius and across it. A lens
-    /// that adds k r³ moves the edges of a dot of radius ρ at r as if it went farther out by k r (r² + 3 ρ²), and so do
-    /// these.
+    /// Of a dot.
     pub(crate) fn of_dot(&self, dot: &Dot) -> Departure {
         let [x_mm, y_mm, z_mm] = dot.centre_mm;
         let (r_mm, rho_mm) = ((x_mm * x_mm + y_mm * y_mm).sqrt(), (0.5 * dot.diameter_mm).max(LEAST_MM));
         let [x, y] = if r_mm > 0.0 { [x_mm / r_mm, y_mm / r_mm] } else { [1.0, 0.0] };
-        let beside_mm = (r_mm * r_mm + rho_mm * rho_mm).sqrt();
+        let (shift_mm, growth) = self.moved(dot, rho_mm);
+        let [nearer_mm, farther_mm] = [-STEP_MM, STEP_MM].map(|step_mm| self.outwards_mm(r_mm, z_mm + step_mm));
+        let per_mm = (farther_mm - nearer_mm) / (2.0 * STEP_MM);
         // A tilted rim meets the radius nearer to its middle, and not at its distance.
         let steepness = dot.slopes[0] * x + dot.slopes[1] * y;
         let rim_mm = rho_mm / (1.0 + steepness * steepness).sqrt();
         let deeper_mm = rim_mm * steepness;
-        let [outer_mm, inner_mm] =
-            [1.0, -1.0].map(|side| self.outwards_mm(r_mm + side * rim_mm, z_mm + side * deeper_mm));
-        let outwards_mm = 0.5 * (outer_mm + inner_mm);
-        let across = self.outwards_mm(beside_mm, z_mm) / beside_mm;
-        let along = (self.outwards_mm(r_mm + rho_mm, z_mm) - self.outwards_mm(r_mm - rho_mm, z_mm)) / (2.0 * rho_mm);
-        let [nearer_mm, farther_mm] = [-STEP_MM, STEP_MM].map(|step_mm| self.outwards_mm(r_mm, z_mm + step_mm));
-        let per_mm = (farther_mm - nearer_mm) / (2.0 * STEP_MM);
-        let off = (along - across) * x * y;
         let [outer, inner] = [1.0, -1.0].map(|side| self.spread((r_mm + side * rim_mm).abs(), z_mm + side * deeper_mm));
+        let beside_mm = (r_mm * r_mm + rho_mm * rho_mm).sqrt();
         let [middle, beside] = [r_mm, beside_mm].map(|r_mm| self.spread(r_mm, z_mm));
         let growth_mm = 0.25 * (outer.growth_mm + inner.growth_mm) + 0.5 * beside.growth_mm;
         Departure {
-            shift_mm: [outwards_mm * x, outwards_mm * y],
+            shift_mm,
             shift_per_mm: [per_mm * x, per_mm * y],
-            growth: [[across + (along - across) * x * x, off], [off, across + (along - across) * y * y]],
+            growth,
             spread: PointSpread { growth_mm, ..middle },
             outer: (outer + inner * -1.0) * 0.5,
             outwards: [x, y],
@@ -80,29 +74,90 @@ impl Departures {
         }
     }
 
-    /// Towards +x of a point at (r, 0, z), r of either sign.
-    fn outwards_mm(&self, r_mm: f64, z_mm: f64) -> f64 {
-        self.at(r_mm.abs(), z_mm, |node| node.0) * r_mm.signum()
+    /// How the lens moves the image of a dot, mm, and how it changes its magnification along x and y.
+    ///
+    /// An edge shows what moves it along its normal. Of the rim `c + ρ T e`, e on the unit circle and T what the tilt of the
+    /// dot does to it across the axis, moved by d(e), that is to the unit circle `f(e) = e·T⁻¹ d`. Its mean and the waves of it
+    /// that go around once and twice are those of a rim that is moved by δ and grows by G:
+    ///
+    /// ```text
+    /// δ = 2 T ⟨f e⟩        G = T ⟨f (4 e eᵀ − 1)⟩ T⁻¹ / ρ
+    /// ```
+    ///
+    /// A lens that adds k r³ thus moves a dot across the axis as if that were at r by k r (r² + 3 ρ²).
+    fn moved(&self, dot: &Dot, rho_mm: f64) -> (Vector2, Matrix2) {
+        let ([x_mm, y_mm, z_mm], [sx, sy]) = (dot.centre_mm, dot.slopes);
+        let slope = (sx * sx + sy * sy).sqrt();
+        let [ux, uy] = if slope > 0.0 { [sx / slope, sy / slope] } else { [1.0, 0.0] };
+        let cos = 1.0 / (1.0 + slope * slope).sqrt();
+        let (mut mean, mut once, mut twice) = (0.0, [0.0; 2], [0.0; 2]);
+        for [c, s] in RIM {
+            let (steep_mm, level_mm) = (rho_mm * cos * c, rho_mm * s);
+            let [x, y] = [x_mm + steep_mm * ux - level_mm * uy, y_mm + steep_mm * uy + level_mm * ux];
+            let r_mm = (x * x + y * y).sqrt().max(f64::MIN_POSITIVE);
+            let per_mm = self.outwards_mm(r_mm, z_mm + steep_mm * slope) / r_mm;
+            let moved_mm = per_mm * (c / cos * (ux * x + uy * y) + s * (ux * y - uy * x)) / RIM.len() as f64;
+            mean += moved_mm;
+            once = [once[0] + 2.0 * moved_mm * c, once[1] + 2.0 * moved_mm * s];
+            twice = [twice[0] + 2.0 * moved_mm * (c * c - s * s), twice[1] + 4.0 * moved_mm * c * s];
+        }
+        let shift_mm = [cos * once[0] * ux - once[1] * uy, cos * once[0] * uy + once[1] * ux];
+        let [a, d] = [mean + twice[0], mean - twice[0]].map(|mm| mm / rho_mm);
+        let [b, c] = [twice[1] * cos, twice[1] / cos].map(|mm| mm / rho_mm);
+        // From the axes of the slope.
+        let growth = [
+            [a * ux * ux - (b + c) * ux * uy + d * uy * uy, b * ux * ux + (a - d) * ux * uy - c * uy * uy],
+            [c * ux * ux + (a - d) * ux * uy - b * uy * uy, a * uy * uy + (b + c) * ux * uy + d * ux * ux],
+        ];
+        (shift_mm, growth)
     }
 
-    fn spread(&self, r_mm: f64, z_mm: f64) -> PointSpread {
-        self.at(r_mm, z_mm, |node| node.1)
+    /// Away from the axis of a point at (r, z): through the four nodes next to it each way, so that a quadratic is exact.
+    fn outwards_mm(&self, r_mm: f64, z_mm: f64) -> f64 {
+        let ((i, across), (k, along)) = (self.r_mm.locate(r_mm), self.z_mm.locate(z_mm));
+        let (columns, rows) = (self.r_mm.count, self.z_mm.count);
+        let row_mm = |row: usize| {
+            let row = &self.outwards_mm[row * columns..(row + 1) * columns];
+            let [own, next] = [row[i], row[i + 1]];
+            // The same on the other side of the axis, if the table begins there.
+            let before = match i {
+                0 if self.r_mm.start == 0.0 => -next,
+                0 => 2.0 * own - next,
+                _ => row[i - 1],
+            };
+            let after = row.get(i + 2).copied().unwrap_or(2.0 * next - own);
+            between([before, own, next, after], across)
+        };
+        let [own, next] = [row_mm(k), row_mm(k + 1)];
+        let before = if k > 0 { row_mm(k - 1) } else { 2.0 * own - next };
+        let after = if k + 2 < rows { row_mm(k + 2) } else { 2.0 * next - own };
+        between([before, own, next, after], along)
     }
 
     /// Bilinear between nodes; outside the table as at its edge.
-    fn at<T: Copy + Mul<f64, Output = T> + Add<Output = T>>(
-        &self,
-        r_mm: f64,
-        z_mm: f64,
-        value: impl Fn(&(f64, PointSpread)) -> T,
-    ) -> T {
+    fn spread(&self, r_mm: f64, z_mm: f64) -> PointSpread {
         let ((i, across), (k, along)) = (self.r_mm.locate(r_mm), self.z_mm.locate(z_mm));
         let near = k * self.r_mm.count + i;
         let far = near + self.r_mm.count;
-        let row = |first: usize| value(&self.nodes[first]) * (1.0 - across) + value(&self.nodes[first + 1]) * across;
+        let row = |first: usize| self.spreads[first] * (1.0 - across) + self.spreads[first + 1] * across;
         row(near) * (1.0 - along) + row(far) * along
     }
 }
+
+/// Between the second and the third of four values, by Catmull and Rom's cubic (Computer Aided Geometric Design, 1974).
+fn between([before, own, next, after]: [f64; 4], share: f64) -> f64 {
+    let (rise, falls) = (0.5 * (next - before), 0.5 * (after - own));
+    let step = next - own;
+    let (leaves, meets) = (rise - step, step - falls);
+    let left = 1.0 - share;
+    own + share * (step + left * (left * leaves + share * meets))
+}
+
+/// Points around the unit circle.
+const RIM: [Vector2; 8] = {
+    use std::f64::consts::FRAC_1_SQRT_2 as HALF;
+    [[1.0, 0.0], [HALF, HALF], [0.0, 1.0], [-HALF, HALF], [-1.0, 0.0], [-HALF, -HALF], [0.0, -1.0], [HALF, -HALF]]
+};
 
 /// Smallest radius by which growth is told, mm.
 const LEAST_MM: f64 = 0.01;

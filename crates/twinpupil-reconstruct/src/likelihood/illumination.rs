@@ -125,7 +125,8 @@ fn own_growth(joint: &Joint<'_>, index: usize, band: usize, closely: bool, glanc
     let full = &light.window.as_ref()?.full;
     if full.count() >= FULL_MIN {
         let (slope, information) = full.growth(joint.bands[band].black.noise())?;
-        return Some(Growth { slope, information });
+        let falloff = Vector2::from(light.spot.falloff_slope());
+        return Some(Growth { slope: slope - falloff, information });
     }
     // Where nothing is flat, the fit tells whether it is worth while.
     if closely && body.seen == Share::All && !body.explains(UNEXPLAINED_CHI2) {
@@ -175,7 +176,7 @@ fn modelled_growth(joint: &Joint<'_>, index: usize, band: usize, glance: &mut Gl
     }
     modelled.fill(spot, places);
     let (mut information, mut score) = (SMatrix::<f64, 8, 8>::zeros(), SVector::<f64, 8>::zeros());
-    let [gu, gv] = light.illumination_slope;
+    let [gu, gv] = light.growth();
     for (k, code) in codes.iter().enumerate() {
         let [du, dv] = [places.du[k], places.dv[k]].map(f64::from);
         let lit = 1.0 + gu * du + gv * dv;
@@ -201,7 +202,7 @@ fn modelled_growth(joint: &Joint<'_>, index: usize, band: usize, glance: &mut Gl
     let left = information.fixed_view::<2, 2>(OTHERS, OTHERS) - mixed * information.fixed_view::<OTHERS, 2>(0, OTHERS);
     let score = score.fixed_rows::<2>(OTHERS) - mixed * score.fixed_rows::<OTHERS>(0);
     let step = left.try_inverse()? * score;
-    Some(Growth { slope: Vector2::new(gu, gv) + step, information: left })
+    Some(Growth { slope: Vector2::from(light.illumination_slope) + step, information: left })
 }
 
 /// Unknowns of the field: the logarithm of the light, its slopes and its curvatures.
@@ -255,7 +256,8 @@ impl Field {
         dots.extend(bodies.iter().zip(own).step_by(bodies.len() / DOTS_MAX + 1).filter_map(|(body, own)| {
             let light = body.bands[band].as_ref().filter(|light| light.contrast != 0.0)?;
             let tells = body.is_placed() && !body.saturated;
-            let level = light.contrast.abs().ln();
+            // What the lens lets through is known.
+            let level = light.contrast.abs().ln() - (1.0 - light.spot.falloff()).ln();
             tells.then_some(FieldDot { centre_px: light.spot.centre_px, level, own: *own, kept: true, off: 0.0 })
         }));
         if dots.len() < DOTS_MIN {

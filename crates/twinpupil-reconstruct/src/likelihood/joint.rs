@@ -79,7 +79,7 @@ impl BandView<'_> {
 
 impl BandLight {
     pub(crate) fn near(&self) -> NearLight<'_> {
-        NearLight { spot: &self.spot, contrast: self.contrast, growth: self.growth() }
+        NearLight { spot: &self.spot, contrast: self.contrast, growth: self.growth().map(|slope| slope as f32) }
     }
 }
 
@@ -266,15 +266,18 @@ impl Joint<'_> {
         }
         own.fill(&light.spot, places);
         bend(own, light, places, narrow);
-        let levels =
-            Levels { contrast: light.contrast as f32, background: light.background as f32, growth: light.growth() };
+        let growth = light.growth();
+        let levels = Levels {
+            contrast: light.contrast as f32,
+            background: light.background as f32,
+            growth: growth.map(|slope| slope as f32),
+        };
         let limit = if mask_foreign { FOREIGN_SIGMAS * FOREIGN_SIGMAS } else { f32::INFINITY };
         let saturated = f32::from(view.plane.code_max);
         let judge = Judge::new(view.black, saturated, limit);
         weights.compare(codes, places, own, others, &levels, &judge);
         let mut normal = Normal::of(own, places, light.contrast, weights);
         let [offset_u, offset_v] = window.offset_px(light.spot.centre_px);
-        let growth = light.illumination_slope;
         let lit = 1.0 - growth[0] * offset_u - growth[1] * offset_v;
         let sums = |full: &Full, level: f64| full.sums(&FullLight { level, lit, growth }, view.black);
         if window.full.count() > 0.0 {

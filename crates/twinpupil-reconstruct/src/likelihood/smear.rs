@@ -32,6 +32,9 @@ pub(crate) struct Smear {
     pub(crate) spherical_px: f64,
     /// Growth of the light outwards to the end of the blur, times that, px.
     pub(crate) light_px: f64,
+    /// How much less light pixels get of the middle of the dot than on the axis, and of the outermost point of its rim than of
+    /// the middle, relative.
+    pub(crate) falloff: Vector2,
     /// What all these terms leave of where light arrives, root mean square along one direction, px.
     pub(crate) left_px: f64,
     /// Distance of the middle of the dot from the axis, and its radius, in parts of their sum: the radius of the image turns
@@ -158,11 +161,13 @@ impl Smear {
     /// Moves places to where the light of an even disc would be as strong.
     pub(crate) fn even_out(&self, spot: &Spot, places: &mut Places) {
         let [[xx, xy], [yx, yy]] = spot.inverse.map(|row| row.map(|value| value as f32));
+        let [shape_u, shape_v] = spot.shape.map(|row| row.map(|value| value as f32));
+        let per_rim = 1.0 / self.rim(spot) as f32;
         let [ox, oy] = self.outwards.map(|value| value as f32);
         let (radius_px, blur_px) = (spot.radius_px as f32, spot.blur_px.abs() as f32);
         let even_half_px = length([spot.blur_px, PIXEL_HALF_PX]) as f32;
         let even2_px2 = blur_px * blur_px * (1.0 / 3.0);
-        let curvature = 1.0 / radius_px;
+        let flatness = xx * yy - xy * yx;
         let edge = places.edge;
         for (du, dv) in places.du[..edge].iter_mut().zip(&mut places.dv[..edge]) {
             let (ex, ey) = (xx * *du + xy * *dv, yx * *du + yy * *dv);
@@ -171,7 +176,10 @@ impl Smear {
             let per_gradient = 1.0 / (gx * gx + gy * gy).sqrt();
             let [nu, nv] = [gx * per_gradient, gy * per_gradient];
             let n = [nu * ox + nv * oy, nv * ox - nu * oy];
-            let terms = self.terms(n);
+            let curvature = flatness * flatness * per_gradient.powi(3) / radius_px;
+            // The nearest point of the rim, in radii.
+            let [ru, rv] = [shape_u, shape_v].map(|[along, across]| (along * ex + across * ey) / size);
+            let terms = self.terms(n, [ru * ox + rv * oy, rv * ox - ru * oy], per_rim);
             let width = self.width(&terms);
             let half_px = (width.half_px * width.half_px + (PIXEL_HALF_PX * PIXEL_HALF_PX) as f32).sqrt();
             let (per_half, narrow) = (1.0 / half_px, width.half_px / half_px);
@@ -189,14 +197,20 @@ impl Smear {
         }
     }
 
-    /// What the edge sees whose normal is n.
+    /// Distance from the middle to the outermost point of the rim, in radii.
+    pub(crate) fn rim(&self, spot: &Spot) -> f64 {
+        let [ox, oy] = self.outwards;
+        1.0 / length(spot.inverse.map(|[along, across]| along * ox + across * oy))
+    }
+
+    /// What the edge sees whose normal is n, at a place of the rim along the radius of the image and across it, in radii.
     #[inline(always)]
-    fn terms(&self, [nx, ny]: [f32; 2]) -> Terms {
-        let grown = |px: f64, more_px: f64| px as f32 + more_px as f32 * nx;
+    fn terms(&self, [nx, ny]: [f32; 2], [x, y]: [f32; 2], per_rim: f32) -> Terms {
+        let grown = |px: f64, more_px: f64| px as f32 + more_px as f32 * (x * per_rim);
         let [blur, stretch] = [self.blur_px, self.stretch_px].map(|[px, more_px]| grown(px, more_px));
         let [a, b, c] = [0, 1, 2].map(|k| grown(self.coma_px[0][k], self.coma_px[1][k]));
         let [away, rim] = self.away.map(|share| share as f32);
-        let (x, y) = (away + rim * nx, rim * ny);
+        let (x, y) = (away + rim * x, rim * y);
         let per_length = 1.0 / (x * x + y * y).sqrt().max(1e-6);
         let n = [(x * nx + y * ny) * per_length, (x * ny - y * nx) * per_length];
         let (xx, yy) = (n[0] * n[0], n[1] * n[1]);
@@ -231,6 +245,7 @@ mod tests {
             coma_px: [[0.5, 0.15, -0.3], [0.1, 0.05, -0.06]],
             spherical_px: 0.4,
             light_px: 0.0,
+            falloff: [0.0; 2],
             left_px: 0.0,
             away: [0.9, 0.1],
         }

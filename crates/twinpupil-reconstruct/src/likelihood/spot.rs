@@ -179,6 +179,18 @@ impl Spot {
         self.inverse[0].map(|along| self.blur_growth_px * along / self.radius_px)
     }
 
+    /// How much less light its pixels get than on the axis, by what the lens does to it.
+    pub(crate) fn falloff(&self) -> f64 {
+        self.smear.map_or(0.0, |smear| smear.falloff[0])
+    }
+
+    /// Growth of the light along u and v by what the lens does to it, relative, 1/px.
+    pub(crate) fn falloff_slope(&self) -> Vector2 {
+        let Some(smear) = &self.smear else { return [0.0; 2] };
+        let rim_px = self.radius_px * smear.rim(self);
+        smear.outwards.map(|along| -smear.falloff[1] / rim_px * along)
+    }
+
     /// How far the light lies beside where kernels have it that take the blur where the edge is nearest, px.
     ///
     /// The point e of the dot is imaged at `P(e) + B(e) w` through the point w of the pupil, so the middle of the light
@@ -253,6 +265,7 @@ impl Departure {
             coma_px: parts.map(|part| part.coma_mm.map(|mm| mm * per_px)),
             spherical_px: sign * self.spread.spherical_mm * per_px,
             // What passes the pupil at w arrives at −B w.
+            falloff: parts.map(|part| part.falloff),
             light_px: -self.spread.light_growth * blur_mm * per_px,
             left_px: self.spread.left_mm * per_px,
             away: self.away,
