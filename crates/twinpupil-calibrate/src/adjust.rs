@@ -3,6 +3,7 @@
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix4, Matrix6, SMatrix, Vector3, Vector4, Vector6};
 use rayon::prelude::*;
 use twinpupil_instrument::{Correction, Displacement, LensTerms};
+use twinpupil_reconstruct::SpotScore;
 
 use crate::forward::{CAMERA_SLOTS, SLOTS, Slot, Slots, View, ideal_mm, image, spot};
 use crate::lattice::median;
@@ -573,15 +574,37 @@ impl Problem<'_> {
     }
 }
 
-/// How far the forward model's images may be from those of the real masks: u, v, radius and blur, px. Centres are off at
-/// random; radius and blur alike for all dots of a frame, which many dots make no better: theirs are larger by the square root
-/// of the dots that share them. Behind an ideal lens a tenth of that is left on the average over frames, as frames without noise
-/// show it; a lens surface by surface leaves more.
-const MODEL_STD_PX: [f64; 4] = [3e-4, 3e-4, 7e-4, 1.5e-3];
-pub(crate) const BLUR_SHARE: f64 = 1.2e-3;
+/// How far the forward model's images may be from those of the real masks. Centres are off at random; radius and blur alike
+/// for all dots of a frame, which many dots make no better: theirs are larger by the square root of the dots that share them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct ModelError {
+    /// Of u, v, radius and blur, px.
+    std_px: [f64; 4],
+    /// Of the blur, more, in parts of it.
+    blur_share: f64,
+}
 
-/// The same where the masks cut the light, near the axis.
-const CUT_STD_PX: [f64; 4] = [1e-3, 1e-3, 2e-3, 5e-3];
+/// How far blurs are off behind an ideal lens, in parts of them.
+pub(crate) const BLUR_SHARE: f64 = 5e-5;
+
+impl ModelError {
+    /// Behind an ideal lens, as frames without noise show it.
+    const IDEAL: Self = Self { std_px: [3e-4, 3e-4, 1.5e-4, 8e-4], blur_share: BLUR_SHARE };
+
+    /// Behind a real one, whose aberrations the model follows to second order: a double Gauss's leave 0.0005 px of the radius.
+    const REAL: Self = Self { std_px: [3e-4, 3e-4, 2e-3, 4e-3], blur_share: 1.2e-3 };
+
+    /// Where the masks cut the light, near the axis.
+    const CUT: Self = Self { std_px: [1e-3, 1e-3, 2e-3, 5e-3], blur_share: 1.2e-3 };
+
+    pub(crate) fn of(score: &SpotScore) -> Self {
+        match score {
+            SpotScore { is_cut: true, .. } => Self::CUT,
+            SpotScore { is_aberrated: true, .. } => Self::REAL,
+            SpotScore { .. } => Self::IDEAL,
+        }
+    }
+}
 
 impl Observation {
     /// What an image is given for: frame, band and dot.
@@ -598,10 +621,9 @@ impl Observation {
     /// With what the model may be wrong by added to the noise: of the covariance `S⁻¹ + F` the inverse is
     /// `S − S (S + F⁻¹)⁻¹ S`, even where S has none. `None` if S is no information, as of a dot of which the masks leave
     /// next to nothing.
-    pub(crate) fn with_model_error(self, is_cut: bool) -> Option<Self> {
+    pub(crate) fn with_model_error(self, ModelError { std_px, blur_share }: ModelError) -> Option<Self> {
         const LEAST: f64 = -1e-6;
-        let std_px = if is_cut { CUT_STD_PX } else { MODEL_STD_PX };
-        let std_px = [std_px[0], std_px[1], std_px[2], std_px[3].hypot(BLUR_SHARE * self.anchor.w)];
+        let std_px = [std_px[0], std_px[1], std_px[2], std_px[3].hypot(blur_share * self.anchor.w)];
         let eigenvalues = self.information.symmetric_eigenvalues();
         let is_information = eigenvalues.max() > 0.0 && eigenvalues.min() > LEAST * eigenvalues.max();
         let model = Matrix4::from_diagonal(&Vector4::from(std_px.map(|std| std.powi(-2))));

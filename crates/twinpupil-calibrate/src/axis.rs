@@ -5,7 +5,7 @@ use thiserror::Error;
 use twinpupil_instrument::{Frame, Instrument, PixelPoint, Role};
 use twinpupil_reconstruct::{Feature, KnownDot, KnownLight, Point, Polarity, Reconstructor, surface_slopes};
 
-use crate::adjust::{BandCamera, Observation};
+use crate::adjust::{BandCamera, ModelError, Observation};
 use crate::calibrate::Foreign;
 use crate::camera::cameras;
 use crate::forward::{CAMERA_SLOTS, Slot, Slots, View, spot};
@@ -214,7 +214,12 @@ impl AxisFinder<'_> {
                 pair.into_iter().zip(signs.iter().zip([point.telecentric, point.entocentric]))
             {
                 let Feature { height_codes, ground_codes, .. } = feature;
-                lights[band] = Some(KnownLight { contrast_codes: sign * height_codes, ground_codes, is_fitted: false });
+                lights[band] = Some(KnownLight {
+                    contrast_codes: sign * height_codes,
+                    ground_codes,
+                    illumination_per_px: [0.0; 2],
+                    is_fitted: false,
+                });
             }
             KnownDot { centre_mm: point.position_mm, slopes, diameter_mm: point.diameter_mm, lights }
         };
@@ -260,8 +265,8 @@ impl Own {
         for (band, score) in sighted.scores.iter().enumerate() {
             let Some(score) = score else { continue };
             let (image, gradient) = look(&sighted.dot, &cameras[band], pitch_mm);
-            let observation =
-                Observation::new((0, band, 0), image, score.score, score.information).with_model_error(score.is_cut)?;
+            let observation = Observation::new((0, band, 0), image, score.score, score.information)
+                .with_model_error(ModelError::of(score))?;
             let mut to_dot = Matrix4::zeros();
             to_dot.fixed_columns_mut::<3>(0).copy_from(&gradient.fixed_columns::<3>(CAMERA_SLOTS + 3));
             to_dot.set_column(3, &gradient.column(Slot::Diameter as usize));

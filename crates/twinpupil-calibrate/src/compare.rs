@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use rayon::prelude::*;
 use twinpupil_reconstruct::{KnownDot, KnownLight, Mode, SpotScore};
 
-use crate::adjust::{Observation, Weighing};
+use crate::adjust::{ModelError, Observation, Weighing};
 use crate::calibrate::{CalibrateError, Calibrator, Foreign, Stage};
 use crate::now::Now;
 use crate::seen::Seen;
@@ -103,7 +103,7 @@ fn compared(now: &Now, seen: &Seen<'_>, place: usize, scores: &[Vec<Option<SpotS
         let Some(score) = scores[dot][band] else { continue };
         let anchor = problem.image(band, dot, &now.cameras, state, &state.poses[place]);
         let observation = Observation::new((place, band, dot), anchor, score.score, score.information);
-        if let Some(observation) = observation.with_model_error(score.is_cut) {
+        if let Some(observation) = observation.with_model_error(ModelError::of(&score)) {
             comparison.observations.push(observation);
             comparison.fitness.push(Fitness { chi2: score.chi2, used_px: score.used_px });
         }

@@ -170,11 +170,20 @@ impl Now {
         self.projections = projections;
     }
 
-    /// The largest change of an unknown since `before`, in its deviations.
+    /// The largest change of an unknown since `before`, in its deviations; of the poses if there is none.
     pub(crate) fn moved_sigmas(&self, before: &Self, unknowns: &[Unknown]) -> f64 {
-        let values = self.adjusted.state.values.iter().zip(&before.adjusted.state.values);
-        let sigmas = values.zip(unknowns).enumerate().map(|(k, ((after, before), unknown))| {
-            (after - before).abs() / (unknown.prior_std * self.adjusted.covariance[(k, k)].sqrt())
+        let (after, before) = (&self.adjusted, &before.adjusted);
+        if unknowns.is_empty() {
+            let poses = after.state.poses.iter().zip(&before.state.poses).zip(&after.pose_covariances);
+            let sigmas = poses.flat_map(|((after, before), covariance)| {
+                let moved_mm = after.translation_mm - before.translation_mm;
+                (0..3).map(move |k| moved_mm[k].abs() / covariance[(3 + k, 3 + k)].sqrt())
+            });
+            return sigmas.fold(0.0, f64::max);
+        }
+        let values = after.state.values.iter().zip(&before.state.values);
+        let sigmas = values.zip(unknowns).enumerate().map(|(k, ((value, before), unknown))| {
+            (value - before).abs() / (unknown.prior_std * after.covariance[(k, k)].sqrt())
         });
         sigmas.fold(0.0, f64::max)
     }

@@ -65,6 +65,7 @@ impl<'a> Seen<'a> {
         let light = |contrast_codes: f64, ground_codes: f64| KnownLight {
             contrast_codes: self.signs[band] * contrast_codes,
             ground_codes,
+            illumination_per_px: [0.0; 2],
             is_fitted: false,
         };
         let typical = |value: fn(&Feature) -> f64| median(self.features[band].iter().map(value));

@@ -316,7 +316,8 @@ impl Body {
     /// only on whom its light falls.
     pub(crate) fn rests(&self) -> bool {
         if self.pinned {
-            return !self.alive || self.rounds >= if self.is_lit { 1 } else { PINNED_ROUNDS };
+            let is_known = self.rounds >= if self.is_lit { 1 } else { PINNED_ROUNDS };
+            return !self.alive || !self.stirred && is_known;
         }
         let is_idle = !self.tells_depth()
             && (!self.has_neighbours || self.rounds > 0 && self.explains(NEAR_CHI2) || self.rounds > PATIENCE);

@@ -7,6 +7,7 @@ use smallvec::SmallVec;
 use twinpupil_instrument::PlaneView;
 
 use crate::likelihood::body::{BandLight, Body};
+use crate::likelihood::illumination::set_illumination;
 use crate::likelihood::joint::{BandView, Joint};
 use crate::likelihood::refine::{ForwardModel, Sketch, Workspace};
 use crate::likelihood::spot::Dot;
@@ -25,13 +26,15 @@ pub struct KnownDot {
     pub lights: Vec<Option<KnownLight>>,
 }
 
-/// How bright a dot and the ground around it are; both are fitted anew.
+/// How bright a dot and the ground around it are; all of it is fitted anew.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct KnownLight {
     /// How much brighter than the ground it is, codes.
     pub contrast_codes: f64,
     /// The ground, codes.
     pub ground_codes: f64,
+    /// Growth of the illumination along u and v, relative, 1/px, as far as it is significant.
+    pub illumination_per_px: [f64; 2],
     /// Whether that was fitted before, with the dot nearly where it is now: one look is enough then.
     pub is_fitted: bool,
 }
@@ -52,6 +55,8 @@ pub struct SpotScore {
     pub masked_px: usize,
     /// Whether the masks take some of the dot's light.
     pub is_cut: bool,
+    /// Whether a lens that is not ideal is in its light, which the model follows to second order.
+    pub is_aberrated: bool,
     /// Its light as the pixels have it.
     pub light: KnownLight,
 }
@@ -66,14 +71,18 @@ impl ForwardModel {
     ) -> Vec<SmallVec<[Option<SpotScore>; 2]>> {
         let mut blacks = std::mem::take(&mut workspace.blacks);
         let scores = self.look(planes, &mut blacks, |views| {
-            let Workspace { bodies, buffers, .. } = workspace;
+            let Workspace { bodies, buffers, glance, .. } = workspace;
             bodies.clear();
             bodies.extend(dots.iter().map(|(dot, lights)| body(*dot, lights, views)));
             let mut joint = Joint { bands: views, bodies, buffers };
             joint.begin();
-            while !joint.bodies.iter().all(Body::rests) {
-                joint.refresh_moving();
-                joint.round();
+            look_until_known(&mut joint);
+            let before: Vec<bool> = joint.bodies.iter().map(is_unevenly_lit).collect();
+            if set_illumination(&mut joint, true, glance) {
+                for (body, before) in joint.bodies.iter_mut().zip(before) {
+                    body.stirred |= before != is_unevenly_lit(body);
+                }
+                look_until_known(&mut joint);
             }
             let black_levels = views.iter().map(|view| view.black.noise().black_level);
             let black_levels: SmallVec<[f64; 2]> = black_levels.collect();
@@ -88,16 +97,29 @@ impl ForwardModel {
     }
 }
 
+fn look_until_known(joint: &mut Joint<'_>) {
+    while !joint.bodies.iter().all(Body::rests) {
+        joint.refresh_moving();
+        joint.round();
+    }
+}
+
+fn is_unevenly_lit(body: &Body) -> bool {
+    body.bands.iter().flatten().any(|light| light.illumination_slope != [0.0; 2])
+}
+
 fn body(dot: Dot, lights: &[Option<KnownLight>], views: &[BandView<'_>]) -> Body {
     let mut body = Body::new(dot, None, false);
     body.pinned = true;
     body.is_lit = lights.iter().flatten().all(|light| light.is_fitted);
     body.bands.extend(views.iter().zip(lights).map(|(view, light)| {
-        let KnownLight { contrast_codes, ground_codes, .. } = (*light)?;
+        let KnownLight { contrast_codes, ground_codes, illumination_per_px, .. } = (*light)?;
         let background = ground_codes - view.black.noise().black_level;
         let (spot, jacobian) = view.spot(&dot);
         let sketch = Sketch { contrast: contrast_codes, area_px: PI * spot.radius_px * spot.radius_px };
-        Some(BandLight::new(sketch, background, (spot, jacobian)))
+        let mut light = BandLight::new(sketch, background, (spot, jacobian));
+        light.illumination_slope = illumination_per_px;
+        Some(light)
     }));
     body
 }
@@ -112,9 +134,11 @@ fn score(light: &BandLight, black_level: f64) -> Option<SpotScore> {
         used_px: light.normal.used,
         masked_px: light.normal.masked,
         is_cut: light.spot.is_clipped(),
+        is_aberrated: light.spot.smear.is_some(),
         light: KnownLight {
             contrast_codes: light.contrast,
             ground_codes: light.background + black_level,
+            illumination_per_px: light.illumination_slope,
             is_fitted: true,
         },
     })

@@ -131,7 +131,7 @@ pub(crate) struct Workspace {
     pub(crate) blacks: Vec<Black>,
     slopes: Slopes,
     chi2s: Vec<f64>,
-    glance: Glance,
+    pub(crate) glance: Glance,
 }
 
 /// Rounds before which it is found how the light grows: from about where the dots are, and from where they are; and on

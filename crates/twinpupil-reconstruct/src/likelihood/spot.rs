@@ -76,11 +76,12 @@ impl Spot {
     ) -> (Self, SpotJacobian) {
         let per_px = 1.0 / raster.pitch_mm;
         let (mut image, mut change) = (Imaging::at(dot.centre_mm, pencil), Imaging::change(dot.centre_mm, pencil));
-        let stretch = departure.map(|departure| departure.applied(&mut image, &mut change));
         let radius_mm = 0.5 * dot.diameter_mm;
         let tilt = Tilt::of(dot.slopes);
         let magnification_slope = change.magnification / image.magnification;
         let upright = tilt.shape([change.x_mm, change.y_mm].map(|drift| drift / image.magnification));
+        // What the lens does to the rim it does where that is.
+        let stretch = departure.map(|departure| departure.applied(&mut image, &mut change));
         let shape = stretch.map_or(upright, |stretch| product(stretch, upright));
         let radius_px = (image.magnification * radius_mm).abs() * per_px;
         // In units of the radius along the first axis of the unit disc.
