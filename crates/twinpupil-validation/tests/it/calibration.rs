@@ -7,9 +7,10 @@ use twinpupil_calibrate::{
     TargetSpec,
 };
 use twinpupil_instrument::{Frame, Instrument, Mosaic, Parameter};
+use twinpupil_simulate::{Illumination, Scene};
 use twinpupil_validation::calibration::{
     DepthError, Exposures, POSES, TargetPose, axis, calibrate, calibrate_on_stage, calibrated, coarse, data_sheet,
-    off_data_sheet, target, warped,
+    off_data_sheet, target, target_scene, warped,
 };
 use twinpupil_validation::plates::Pose;
 
@@ -100,6 +101,23 @@ fn other_frames_then_give_the_depth_of_random_dots() {
         after.iter().map(|error| error.z_mm.powi(2) / (error.noise_std_mm.powi(2) + error.calibration_std_mm.powi(2)));
     let rms_sigmas = (sigmas2.sum::<f64>() / after.len() as f64).sqrt();
     assert!(rms_sigmas < 2.5, "{rms_sigmas}");
+}
+
+#[test]
+fn light_that_grows_across_the_target_leaves_depth_true() {
+    let sheet = data_sheet(Mosaic::Rgb);
+    let truth = off_data_sheet(&sheet, false);
+    let uneven = |pose: &TargetPose| {
+        let mut spec = target_scene(&target(), pose).spec().clone();
+        spec.illumination = Some(Illumination { growth_per_mm: [0.04, 0.02] });
+        Scene::new(spec).expect("a legal scene")
+    };
+    let frames = Exposures::new(truth.clone(), POSES.iter().map(uneven).collect(), PUPIL_SAMPLES).frames(1);
+    let calibration = calibrate(&sheet, &target(), &frames, &Choices::default()).expect("a sound calibration");
+    assert!(calibration.faults.is_empty(), "{:?}", calibration.faults);
+    let plates = Exposures::new(truth, vec![Pose::Facing(270.0).scene(3), Pose::Facing(330.0).scene(4)], PUPIL_SAMPLES);
+    let (errors, _) = plates.depth_errors(&calibrated(&calibration), 5);
+    assert!(DepthError::rms_mm(&errors) < 0.02, "{}", DepthError::rms_mm(&errors));
 }
 
 #[test]
