@@ -1,10 +1,10 @@
 //! What of an axis depends on where the masks' centres are.
 
-use nalgebra::{DMatrix, Matrix2, Matrix2xX};
+use nalgebra::{DMatrix, Matrix2, Matrix2xX, Vector2};
 use twinpupil_instrument::{Instrument, Parameter};
 
 use crate::forward::Slot;
-use crate::unknown::{Part, Quantity, Unknown, tolerance};
+use crate::unknown::{Feed, Part, Quantity, Unknown, tolerance};
 
 /// A mask's centre, and how the axis that frames tell changes with it.
 #[derive(Debug, Clone, PartialEq)]
@@ -70,11 +70,11 @@ pub(crate) fn mask_centres(
 }
 
 /// How the score of the axis changes with a number.
-fn score_change(unknown: &Unknown, by_pupil: &[AxisByPupil]) -> nalgebra::Vector2<f64> {
-    let change = |feed: &crate::unknown::Feed| match feed.part {
+fn score_change(unknown: &Unknown, by_pupil: &[AxisByPupil]) -> Vector2<f64> {
+    let change = |feed: &Feed| match feed.part {
         Part::Slot(Slot::PupilX, factor) => factor * by_pupil[feed.band].column(0),
         Part::Slot(Slot::PupilY, factor) => factor * by_pupil[feed.band].column(1),
-        Part::Slot(..) | Part::Coefficient(..) => nalgebra::Vector2::zeros(),
+        Part::Slot(..) | Part::Coefficient(..) => Vector2::zeros(),
     };
     unknown.feeds.iter().map(change).sum()
 }
@@ -116,7 +116,7 @@ mod tests {
         });
         let instrument = Instrument::new(spec).expect("legal");
         // Pupils of the telecentric and the entocentric band move the axis by 3 and 2 px/mm.
-        let by_pupil = [-3.0, -2.0].map(|change| Matrix2::from_diagonal_element(change));
+        let by_pupil = [-3.0, -2.0].map(Matrix2::from_diagonal_element);
         let (masks, px2) = mask_centres(&instrument, &Matrix2::identity(), &by_pupil);
         let std_mm: Vec<[f64; 2]> = masks.iter().map(|mask| mask.std_mm).collect();
         assert_eq!(std_mm, [[0.03, 0.2], [0.01, 0.2]]);
