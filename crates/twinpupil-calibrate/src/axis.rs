@@ -1,6 +1,7 @@
-//! The optical axis from any frame of dots: the images of a dot in two bands lie on one line through it.
+//! The optical axis from any frame of dots: the images of a dot in two bands lie on one line through it, if the masks are
+//! centred; else through where the line through both pupils' centres meets the sensor.
 
-use nalgebra::{Matrix2, Matrix4, Rotation3, SMatrix, Unit, Vector2, Vector3, Vector4};
+use nalgebra::{Matrix2, Matrix4, Matrix4x2, Rotation3, SMatrix, Unit, Vector2, Vector3, Vector4};
 use thiserror::Error;
 use twinpupil_instrument::{Frame, Instrument, PixelPoint, Role};
 use twinpupil_reconstruct::{Feature, KnownDot, KnownLight, Point, Polarity, Reconstructor, surface_slopes};
@@ -10,14 +11,19 @@ use crate::calibrate::Foreign;
 use crate::camera::cameras;
 use crate::forward::{CAMERA_SLOTS, Slot, Slots, View, spot};
 use crate::lattice::median;
+use crate::mask_centre::{AxisByPupil, MaskCentre, mask_centres};
 
 /// Where the optical axis meets the sensor.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AxisEstimate {
     /// Its place on the reference frame, px.
     pub axis_px: [f64; 2],
-    /// Covariance of u and v, px².
+    /// Covariance of u and v that noise leaves, px²: for masks where the instrument has them.
     pub covariance_px2: [[f64; 2]; 2],
+    /// Covariance of u and v that the masks' centres leave, px², to be added to that.
+    pub mask_covariance_px2: [[f64; 2]; 2],
+    /// Every mask that is a pupil, and how the axis changes with its centre.
+    pub masks: Vec<MaskCentre>,
     /// Dots that told it.
     pub dots: usize,
     /// χ² of their images over the degrees of freedom.
@@ -47,6 +53,15 @@ pub enum AxisError {
         /// Distance at which the bands have one scale, mm.
         focus_mm: f64,
     },
+    /// Dots whose images are not those of this instrument.
+    #[error(
+        "the instrument does not explain the dots: χ² of the typical one is {chi2:.0} for each degree of freedom; legal: up to \
+         {CHI2_MAX:.0}; calibrate the camera first with `twinpupil calibrate`, or the planes of the two bands are swapped"
+    )]
+    Unexplained {
+        /// χ² of the typical dot over its degrees of freedom.
+        chi2: f64,
+    },
 }
 
 /// Fewest dots that tell an axis.
@@ -54,6 +69,10 @@ const DOTS_MIN: usize = 4;
 
 /// Largest deviation of an axis that is worth the name, px.
 const STD_PX_MAX: f64 = 20.0;
+
+/// Largest χ² of the typical dot over its degrees of freedom that an instrument explains well enough for an axis: few rays a
+/// pixel leave 12, a focal length that is 0.05 % off in one band some 300.
+const CHI2_MAX: f64 = 500.0;
 
 /// Times that frames are compared with the forward model.
 const ROUNDS: usize = 4;
@@ -75,10 +94,14 @@ struct Sighted {
 }
 
 /// Information on the axis and the score that goes with it.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default)]
 struct Equations {
     information: Matrix2<f64>,
     score: Vector2<f64>,
+    /// How the score changes with the pupil of every band.
+    by_pupil: Vec<AxisByPupil>,
+    /// χ² of the typical dot over its degrees of freedom.
+    typical_chi2: f64,
     chi2: f64,
     freedom: usize,
     dots: usize,
@@ -107,11 +130,17 @@ impl AxisFinder<'_> {
                 break;
             }
         }
+        if equations.typical_chi2 > CHI2_MAX {
+            return Err(AxisError::Unexplained { chi2: equations.typical_chi2 });
+        }
         let reduced_chi2 = equations.chi2 / equations.freedom.max(1) as f64;
-        let covariance = self.covariance(&equations)? * reduced_chi2.max(1.0);
+        let covariance = self.covariance(&equations)?;
+        let (masks, of_masks) = mask_centres(self.instrument, &covariance, &equations.by_pupil);
         Ok(AxisEstimate {
             axis_px,
-            covariance_px2: [[covariance.m11, covariance.m12], [covariance.m21, covariance.m22]],
+            covariance_px2: rows(&(covariance * reduced_chi2.max(1.0))),
+            mask_covariance_px2: rows(&of_masks),
+            masks,
             dots: equations.dots,
             reduced_chi2,
         })
@@ -227,17 +256,26 @@ impl AxisFinder<'_> {
     }
 }
 
+fn rows(matrix: &Matrix2<f64>) -> [[f64; 2]; 2] {
+    [[matrix.m11, matrix.m12], [matrix.m21, matrix.m22]]
+}
+
 /// Adds up what all dots say of the axis, their own places and diameters left open.
 fn equations_of(sighted: &[Sighted], cameras: &[BandCamera], pitch_mm: f64) -> Equations {
     const DOUBT_CHI2: f64 = 30.0;
     let own: Vec<Own> = sighted.iter().filter_map(|one| Own::of(one, cameras, pitch_mm)).collect();
     // χ² of four numbers, of which half exceed 3.36.
-    let typical = (median(own.iter().map(|own| own.chi2)) / 3.36).max(1.0);
-    let mut equations = Equations::default();
+    let median_chi2 = median(own.iter().map(|own| own.chi2)) / 3.36;
+    let typical = median_chi2.max(1.0);
+    let by_pupil = vec![Matrix2::zeros(); cameras.len()];
+    let mut equations = Equations { by_pupil, typical_chi2: median_chi2, ..Equations::default() };
     for own in &own {
         let weight = (DOUBT_CHI2 * typical / own.chi2.max(1e-12)).sqrt().min(1.0);
         equations.information += weight * own.information;
         equations.score += weight * own.score;
+        for (band, by_pupil) in &own.by_pupil {
+            equations.by_pupil[*band] += weight * by_pupil;
+        }
         equations.chi2 += weight * own.chi2;
         equations.freedom += 4;
         equations.dots += 1;
@@ -250,6 +288,8 @@ fn equations_of(sighted: &[Sighted], cameras: &[BandCamera], pitch_mm: f64) -> E
 struct Own {
     information: Matrix2<f64>,
     score: Vector2<f64>,
+    /// How the score changes with the pupils of the bands that see it.
+    by_pupil: Vec<(usize, AxisByPupil)>,
     /// Of its images about one dot in space.
     chi2: f64,
 }
@@ -261,7 +301,7 @@ impl Own {
         let (mut axis, mut axis_score) = (Matrix2::zeros(), Vector2::zeros());
         let mut mixed = SMatrix::<f64, 2, 4>::zeros();
         let mut best_chi2 = 0.0;
-        let mut bands = 0;
+        let mut pupils: Vec<(usize, Matrix2<f64>, Matrix4x2<f64>)> = Vec::new();
         for (band, score) in sighted.scores.iter().enumerate() {
             let Some(score) = score else { continue };
             let (image, gradient) = look(&sighted.dot, &cameras[band], pitch_mm);
@@ -270,9 +310,14 @@ impl Own {
             let mut to_dot = Matrix4::zeros();
             to_dot.fixed_columns_mut::<3>(0).copy_from(&gradient.fixed_columns::<3>(CAMERA_SLOTS + 3));
             to_dot.set_column(3, &gradient.column(Slot::Diameter as usize));
-            let mut to_axis = SMatrix::<f64, 4, 2>::zeros();
+            let mut to_axis = Matrix4x2::zeros();
             to_axis.set_column(0, &gradient.column(Slot::AxisU as usize));
             to_axis.set_column(1, &gradient.column(Slot::AxisV as usize));
+            let mut to_pupil = Matrix4x2::zeros();
+            to_pupil.set_column(0, &gradient.column(Slot::PupilX as usize));
+            to_pupil.set_column(1, &gradient.column(Slot::PupilY as usize));
+            let seen = observation.information * to_pupil;
+            pupils.push((band, to_axis.transpose() * seen, to_dot.transpose() * seen));
             let weighted = observation.information * to_dot;
             dot += to_dot.transpose() * weighted;
             dot_score += to_dot.transpose() * observation.score;
@@ -280,13 +325,14 @@ impl Own {
             axis_score += to_axis.transpose() * observation.score;
             mixed += to_axis.transpose() * weighted;
             best_chi2 += observation.chi2(&image);
-            bands += 1;
         }
-        let factor = dot.cholesky().filter(|_| bands >= 2)?;
+        let factor = dot.cholesky().filter(|_| pupils.len() >= 2)?;
         let step = factor.solve(&dot_score);
+        let by_pupil = pupils.iter().map(|(band, axis, dot)| (*band, axis - mixed * factor.solve(dot))).collect();
         Some(Self {
             information: axis - mixed * factor.solve(&mixed.transpose()),
             score: axis_score - mixed * step,
+            by_pupil,
             chi2: (best_chi2 - step.dot(&dot_score)).max(0.0),
         })
     }
@@ -310,4 +356,75 @@ fn look(dot: &KnownDot, camera: &BandCamera, pitch_mm: f64) -> (Vector4<f64>, cr
         displacement: camera.displacement.as_ref(),
     };
     spot(&slots, &view)
+}
+
+#[cfg(test)]
+mod tests {
+    use twinpupil_instrument::{LensTerms, Projection, paper};
+    use twinpupil_reconstruct::SpotScore;
+
+    use super::*;
+
+    /// Dots before and behind focus, and what noise of 0.002 px says of their images.
+    fn sighted(score: Vector4<f64>) -> Vec<Sighted> {
+        let light =
+            KnownLight { contrast_codes: 2500.0, ground_codes: 100.0, illumination_per_px: [0.0; 2], is_fitted: false };
+        let spot = SpotScore {
+            score,
+            information: Matrix4::from_diagonal_element(0.002_f64.powi(-2)),
+            chi2: 1000.0,
+            used_px: 1000,
+            masked_px: 0,
+            is_cut: false,
+            is_aberrated: false,
+            light,
+        };
+        let places =
+            [[4.0, 1.0, 262.0], [-3.0, 4.0, 271.0], [-4.0, -3.0, 335.0], [2.0, -5.0, 344.0], [5.0, 3.0, 350.0]];
+        let dot = |centre_mm| KnownDot { centre_mm, slopes: [0.0; 2], diameter_mm: 0.9, lights: vec![Some(light); 2] };
+        places.map(|centre_mm| Sighted { dot: dot(centre_mm), scores: vec![Some(spot); 2] }).into()
+    }
+
+    fn equations(instrument: &Instrument, score: Vector4<f64>) -> Equations {
+        let projections: Vec<Projection> = instrument.bands.iter().map(|band| instrument.projection(band)).collect();
+        let cameras = cameras(instrument, &projections, &[LensTerms::default(); 2], 1.0);
+        equations_of(&sighted(score), &cameras, instrument.sensor.pitch_mm)
+    }
+
+    /// Where the straight line through both centres, at d₁ and d₂ behind the lens, meets the sensor at L:
+    ///
+    /// ```text
+    /// p = c₁ (d₂ − L)/(d₂ − d₁) + c₂ (L − d₁)/(d₂ − d₁)
+    /// ```
+    ///
+    /// Images are upright there: u and v count against x and y. All pairs of images are seen from −p, where the axis is
+    /// for centred masks, so the axis lies at p from where they meet.
+    #[test]
+    fn the_axis_moves_with_where_the_line_through_both_centres_meets_the_sensor() {
+        let instrument = paper::instrument();
+        let equations = equations(&instrument, Vector4::zeros());
+        let covariance = equations.information.try_inverse().expect("dots tell the axis");
+        let (masks, of_masks) = mask_centres(&instrument, &covariance, &equations.by_pupil);
+        let (l, d, pitch_mm) = (151.0, [0.0, 100.0], 0.00586);
+        let shares = [(d[1] - l) / (d[1] - d[0]), (l - d[0]) / (d[1] - d[0])];
+        assert_eq!(masks.iter().map(|mask| mask.aperture).collect::<Vec<_>>(), [0, 1]);
+        for (mask, share) in masks.iter().zip(shares) {
+            let expected = share / pitch_mm;
+            let [[ux, uy], [vx, vy]] = mask.axis_px_per_mm;
+            assert!((ux / expected - 1.0).abs() < 1e-6 && (vy / expected - 1.0).abs() < 1e-6, "{mask:?} {expected}");
+            assert!(uy.abs() < 1e-6 * expected.abs() && vx.abs() < 1e-6 * expected.abs(), "{mask:?}");
+            assert!((mask.px_per_mm_max() / expected.abs() - 1.0).abs() < 1e-6);
+        }
+        let expected_px = 0.2 * shares[0].hypot(shares[1]) / pitch_mm;
+        assert!((of_masks.m11.sqrt() / expected_px - 1.0).abs() < 1e-6, "{of_masks} {expected_px}");
+    }
+
+    #[test]
+    fn blurs_that_are_not_the_instruments_show_in_the_typical_dot() {
+        let instrument = paper::instrument();
+        let chi2 = |score: Vector4<f64>| equations(&instrument, score).typical_chi2;
+        assert!(chi2(Vector4::zeros()) < 1e-9);
+        // Blurs that are off by 0.1 px, fifty deviations, in both bands.
+        assert!(chi2(Vector4::new(0.0, 0.0, 0.0, 0.1 * 0.002_f64.powi(-2))) > CHI2_MAX);
+    }
 }

@@ -1,6 +1,7 @@
 //! Runs the built program: what it writes, what it refuses and how it says so.
 #![cfg(test)]
 
+mod axis;
 mod bad_input;
 mod carriers;
 mod commands;

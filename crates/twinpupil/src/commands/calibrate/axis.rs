@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use serde::Serialize;
-use twinpupil_calibrate::{AxisEstimate, AxisFinder};
+use twinpupil_calibrate::{AxisEstimate, AxisFinder, MaskCentre};
 use twinpupil_instrument::{Frame, Instrument};
 use twinpupil_reconstruct::{DetectOptions, Mode};
 
@@ -41,10 +41,24 @@ pub(super) struct Args {
 #[derive(Debug, Serialize)]
 struct Summary {
     axis_px: [f64; 2],
+    /// From noise, for masks where the instrument file has them.
     std_px: [f64; 2],
     correlation: f64,
+    /// From the masks' centres, to be added to that.
+    mask_std_px: [f64; 2],
+    mask_correlation: f64,
+    masks: Vec<Mask>,
+    holds_for: String,
     dots: usize,
     reduced_chi2: f64,
+}
+
+/// A mask whose centre moves the axis.
+#[derive(Debug, Serialize)]
+struct Mask {
+    key: String,
+    std_mm: [f64; 2],
+    axis_px_per_mm: [[f64; 2]; 2],
 }
 
 /// Runs `twinpupil calibrate axis`.
@@ -70,11 +84,7 @@ pub(super) fn run(args: &Args, console: &Console) -> Result<()> {
         outputs.add(path, with_axis(&loaded.instrument, &estimate)?.to_toml().into_bytes());
     }
     let summary = summary(&estimate);
-    let line = || {
-        let ([u, v], [u_std, v_std]) = (summary.axis_px, summary.std_px);
-        format!("axis_px = [{u:.4}, {v:.4}]  # ± {u_std:.4}, {v_std:.4}\n")
-    };
-    let text = if args.json { pretty(&summary)? } else { line() };
+    let text = if args.json { pretty(&summary)? } else { lines(&summary) };
     outputs.add_or_print(None, text.into_bytes());
     outputs.commit()?;
     console.note(format!(
@@ -86,15 +96,45 @@ pub(super) fn run(args: &Args, console: &Console) -> Result<()> {
     Ok(())
 }
 
+fn lines(summary: &Summary) -> String {
+    let Summary { axis_px: [u, v], std_px: [u_std, v_std], mask_std_px: [u_mask, v_mask], holds_for, .. } = summary;
+    format!(
+        "axis_px = [{u:.4}, {v:.4}]  # ± {u_std:.4}, {v_std:.4} from noise, ± {u_mask:.2}, {v_mask:.2} from the masks' centres\n\
+         # {holds_for}\n"
+    )
+}
+
 fn summary(estimate: &AxisEstimate) -> Summary {
-    let [[uu, uv], [_, vv]] = estimate.covariance_px2;
+    let (std_px, correlation) = std_and_correlation(&estimate.covariance_px2);
+    let (mask_std_px, mask_correlation) = std_and_correlation(&estimate.mask_covariance_px2);
+    let mask = |mask: &MaskCentre| Mask { key: mask.key(), std_mm: mask.std_mm, axis_px_per_mm: mask.axis_px_per_mm };
     Summary {
         axis_px: estimate.axis_px,
-        std_px: [uu.sqrt(), vv.sqrt()],
-        correlation: uv / (uu * vv).sqrt(),
+        std_px,
+        correlation,
+        mask_std_px,
+        mask_correlation,
+        masks: estimate.masks.iter().map(mask).collect(),
+        holds_for: holds_for(&estimate.masks),
         dots: estimate.dots,
         reduced_chi2: estimate.reduced_chi2,
     }
+}
+
+/// What the axis holds for, and how much it moves otherwise.
+fn holds_for(masks: &[MaskCentre]) -> String {
+    const STEP_MM: f64 = 0.01;
+    let moves =
+        |mask: &MaskCentre| format!("{:.2} px for each {STEP_MM} mm of {}", STEP_MM * mask.px_per_mm_max(), mask.key());
+    let moves: Vec<String> = masks.iter().map(moves).collect();
+    format!("holds for masks where the instrument file has them; it moves by {}", moves.join(", by "))
+}
+
+/// Deviations of u and v and their correlation, none of what is known exactly.
+fn std_and_correlation([[uu, uv], [_, vv]]: &[[f64; 2]; 2]) -> ([f64; 2], f64) {
+    let std_px = [uu.sqrt(), vv.sqrt()];
+    let product = std_px[0] * std_px[1];
+    (std_px, if product > 0.0 { uv / product } else { 0.0 })
 }
 
 fn with_axis(instrument: &Instrument, estimate: &AxisEstimate) -> Result<Instrument> {

@@ -47,7 +47,12 @@ pub struct Args {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Find the optical axis from any frames: every pair of images of a dot points at it
+    /// Find the optical axis from any frames of dots, for masks where the instrument file has them
+    ///
+    /// The line through both images of a dot goes through the axis if the masks are centred, else through where the line
+    /// through both masks' centres meets the sensor. The axis is corrected for `centre_mm` of the instrument file; what
+    /// those leave uncertain is stated beside the noise: 0.2 mm each, or what `[calibration]` says of them. Frames that the
+    /// instrument does not explain are refused.
     Axis(axis::Args),
 }
 
