@@ -4,6 +4,7 @@ use twinpupil_instrument::DepthRange;
 
 use crate::result::{Calibration, LeftOpen};
 use crate::target::Target;
+use crate::unknown::Quantity;
 
 /// Share of the depth range beyond the nearest and farthest pose that a calibration may be trusted in.
 const BEYOND_SHARE: f64 = 0.15;
@@ -17,11 +18,14 @@ const FRAMES_MIN: usize = 4;
 /// Share of the sensor's width or height that the dots should reach across.
 const COVER_MIN: f64 = 0.7;
 
+/// Correlation below which two numbers are no pair.
+const TIED: f64 = 0.5;
+
 /// Deviations beside the stage's way that are no chance.
 const OFF_STAGE_SIGMAS: f64 = 3.0;
 
 pub(crate) fn advice(calibration: &Calibration, target: &Target) -> Vec<String> {
-    let mut advice = Vec::new();
+    let mut advice: Vec<String> = unexplained(calibration).into_iter().chain(other_size(calibration)).collect();
     let frames = &calibration.frames;
     if frames.len() < FRAMES_MIN {
         advice.push(format!("{} of the frames could be used: take at least {FRAMES_MIN}", frames.len()));
@@ -51,11 +55,16 @@ pub(crate) fn advice(calibration: &Calibration, target: &Target) -> Vec<String> 
         let reason = match why {
             LeftOpen::Unseen => "the frames hardly depend on it".to_owned(),
             LeftOpen::Tied { with, correlation } => {
-                format!("a change of {with} does about the same to them (correlation {correlation:.3})")
+                if correlation.abs() < TIED {
+                    "several others together do about the same to them".to_owned()
+                } else {
+                    format!("a change of {with} does about the same to them (correlation {correlation:.3})")
+                }
             }
         };
+        let stays = if number.std <= number.tolerance { "it stays within" } else { "it may be beyond" };
         advice.push(format!(
-            "{} is not determined: {reason}; it stays within its tolerance of {:.3}",
+            "{} is not determined: {reason}; {stays} its tolerance of {:.3}",
             number.key, number.tolerance
         ));
     }
@@ -67,6 +76,38 @@ pub(crate) fn advice(calibration: &Calibration, target: &Target) -> Vec<String> 
         advice.push(format!("only {} of the target's {} dots were ever seen", dots.len(), target.dots().len()));
     }
     advice
+}
+
+/// Whether noise is far from all that is left.
+fn unexplained(calibration: &Calibration) -> Option<String> {
+    const TIMES: f64 = 1.5;
+    let times = calibration.reduced_chi2.sqrt();
+    let worst = calibration.frames.iter().max_by(|a, b| a.pixel_chi2.total_cmp(&b.pixel_chi2))?;
+    (times > TIMES).then(|| {
+        format!(
+            "residuals are {times:.1} times what noise explains: the target, a frame or the model of the camera is not as \
+             stated, and the numbers deserve less trust than their deviations say; the frame given as number {} fits worst, \
+             with a χ² of {:.1} for each pixel",
+            worst.frame + 1,
+            worst.pixel_chi2
+        )
+    })
+}
+
+/// Whether dots seem larger beside their pitch than is stated, or smaller.
+fn other_size(calibration: &Calibration) -> Option<String> {
+    const PERCENT: f64 = 0.5;
+    const SIGMAS: f64 = 4.0;
+    let number = calibration.numbers.iter().find(|number| number.quantity == Quantity::DotDiameter)?;
+    let (off, percent) = (number.value - number.expected, 100.0 * (number.value / number.expected - 1.0));
+    (percent.abs() > PERCENT && off.abs() > SIGMAS * number.std).then(|| {
+        let way = if off > 0.0 { "larger" } else { "smaller" };
+        format!(
+            "dots are {:.1} % {way} beside their pitch than the target file says: measure pitch_mm, of which all that is found is \
+             made, and dot_diameter_mm",
+            percent.abs()
+        )
+    })
 }
 
 /// Whether the stage and the frames contradict each other.

@@ -17,7 +17,7 @@ use crate::seen::Seen;
 use crate::sighting::SightingError;
 use crate::stage::StagePosition;
 use crate::target::Target;
-use crate::unknown::{Choices, Unknown, UnknownKey};
+use crate::unknown::{Choices, DOT_DIAMETER_KEY, Unknown, UnknownKey};
 
 /// What went wrong outside of this crate.
 pub type Foreign = Box<dyn Error + Send + Sync>;
@@ -47,8 +47,8 @@ pub enum CalibrateError {
     },
     /// A number too far from what the data sheet says.
     #[error(
-        "`{key}` would be {found:.6}, {sigmas:.1} tolerances from the {expected} that the instrument file says; is the \
-         target's pitch_mm = {pitch_mm} right? A pitch of {likely_pitch_mm:.4} would fit the data sheet"
+        "`{key}` would be {found:.6}, {sigmas:.1} tolerances from the {expected} that the instrument file says; {}",
+        suspicion(key, *pitch_mm, *likely_pitch_mm)
     )]
     OffDataSheet {
         /// Its key.
@@ -70,6 +70,26 @@ pub enum CalibrateError {
     /// Equations without a solution.
     #[error("the frames do not determine the instrument: {0}")]
     Undetermined(&'static str),
+}
+
+/// What is most likely wrong where a number would be far from the data sheet.
+fn suspicion(key: &str, pitch_mm: f64, likely_pitch_mm: f64) -> String {
+    /// Shares by which the pitch would have to be another, to be suspected first; and at all.
+    const FAR: f64 = 0.05;
+    const BESIDE: f64 = 0.01;
+    let off = (likely_pitch_mm / pitch_mm - 1.0).abs();
+    if off < FAR && key == DOT_DIAMETER_KEY {
+        return "is the target's dot_diameter_mm right?".to_owned();
+    }
+    if off < FAR && key.ends_with("radius_mm") {
+        return "are the frames blurred, or were they taken through other masks?".to_owned();
+    }
+    if off > BESIDE {
+        return format!(
+            "is the target's pitch_mm = {pitch_mm} right? A pitch of {likely_pitch_mm:.4} would fit the data sheet"
+        );
+    }
+    "were the frames taken by another camera, or are the bands' roles exchanged?".to_owned()
 }
 
 /// Why a frame is left out.

@@ -32,11 +32,12 @@ impl Catalogue {
         let text = decode(bytes)?;
         let mut catalogue = Self::default();
         let mut entry: Option<Entry> = None;
-        let mut count = 0;
+        let (mut count, mut last) = (0, "");
         for (number, line) in (1..).zip(text.lines()) {
             count = number;
             let mut words = line.split_whitespace();
             let keyword = words.next().unwrap_or_default();
+            last = keyword;
             let numbers = || words.map(|word| number_of(word, number)).collect::<Result<Vec<f64>, _>>();
             match keyword {
                 "NM" => {
@@ -47,6 +48,9 @@ impl Catalogue {
                 "LD" => Entry::at(&mut entry, number)?.limits_um = numbers()?,
                 _ => {}
             }
+        }
+        if last == "CD" && !text.ends_with('\n') {
+            return Err(at(count, "the file ends within the coefficients of a glass: is it cut?"));
         }
         catalogue.take(entry)?;
         if catalogue.glasses.is_empty() {
@@ -102,6 +106,10 @@ impl Entry {
         let Self { name, line, formula, mut coefficients, limits_um } = self;
         let [_, most] = formula.coefficient_counts();
         coefficients.truncate(most);
+        if formula.is_of_pairs() && coefficients.len() % 2 == 1 {
+            let message = format!("glass {name} has {} coefficients; legal: pairs", coefficients.len());
+            return Err(at(line, &message));
+        }
         let wavelengths_nm = match limits_um[..] {
             [shortest_um, longest_um, ..] if longest_um > 0.0 => [1000.0 * shortest_um, 1000.0 * longest_um],
             _ => UNLIMITED_NM,
@@ -198,6 +206,11 @@ mod tests {
             said("CC\nNM A 2 0 1.5 60\nNM B 2\nCD 1 0.01\n"),
             "line 2: `A.coefficients` is 0 numbers; legal: 1 to 6"
         );
+        assert_eq!(
+            said("NM A 2 0 1.5 60\nCD 1.04 0.006 0.23"),
+            "line 2: the file ends within the coefficients of a glass: is it cut?"
+        );
+        assert_eq!(said("NM A 2 0 1.5 60\nCD 1.04\nLD 0.3 2\n"), "line 1: glass A has 1 coefficients; legal: pairs");
     }
 
     proptest! {

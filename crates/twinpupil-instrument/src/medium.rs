@@ -70,6 +70,11 @@ pub enum Formula {
 }
 
 impl Formula {
+    /// Whether its coefficients come in pairs.
+    pub(crate) fn is_of_pairs(self) -> bool {
+        matches!(self, Self::Sellmeier1 | Self::Sellmeier3 | Self::Sellmeier5)
+    }
+
     /// Least and largest number of coefficients.
     pub fn coefficient_counts(self) -> [usize; 2] {
         match self {

@@ -82,16 +82,27 @@ fn round(mm: f64) -> f64 {
 
 /// Rear principal plane of the design wavelength to sensor: half way between where the two bands are in focus.
 fn sensor_distance_mm(own: &CardinalPoints, points: &[CardinalPoints; 2], distance_mm: f64) -> Result<f64> {
+    const FAR: f64 = 1000.0;
+    let focal_length_mm = own.focal_length_mm;
+    if !(focal_length_mm.is_finite() && focal_length_mm > 0.0) {
+        bail!("the lens has a focal length of {focal_length_mm:.4} mm and forms no image on a sensor; legal: above 0");
+    }
+    if distance_mm > FAR * focal_length_mm {
+        bail!(
+            "objects at {distance_mm} mm are as good as at infinity, where both bands see alike; legal: up to {FAR:.0} focal \
+             lengths of {focal_length_mm:.4} mm"
+        );
+    }
     let image_mm = points.map(|band| {
         // Object and image distances of the band count from its own principal planes.
         let z_mm = distance_mm + band.front_principal_mm - own.front_principal_mm;
         band.focal_length_mm * z_mm / (z_mm - band.focal_length_mm) + band.rear_principal_mm - own.rear_principal_mm
     });
     let distance_mm = round(0.5 * (image_mm[0] + image_mm[1]));
-    if image_mm.into_iter().all(|mm| mm.is_finite() && mm > own.focal_length_mm) {
+    if image_mm.into_iter().all(|mm| mm.is_finite() && mm > focal_length_mm) {
         return Ok(distance_mm);
     }
-    bail!("objects must be farther from the lens than its focal length of {:.4} mm", own.focal_length_mm)
+    bail!("objects must be farther from the lens than its focal length of {focal_length_mm:.4} mm")
 }
 
 impl Design {

@@ -55,7 +55,11 @@ pub fn choices(design: &Design) -> Result<Vec<[f64; 2]>> {
     let unit = design.instrument("unit", [1.0, 1.0])?;
     let on_lens = unit.projections().map(|projection| projection.lens_radius_mm(unit.focus_distance_mm()));
     let radius_mm = |band: usize, factor: f64| factor * SHARE * unit.lens.focal_length_mm() / on_lens[band];
-    let round = |mm: f64| (100.0 * mm).round().max(1.0) / 100.0;
+    // To a hundredth of a millimetre, or to two digits.
+    let round = |mm: f64| {
+        let step_mm = 10_f64.powf(mm.log10().floor() - 1.0).min(0.01);
+        ((mm / step_mm).round() * step_mm * 1e6).round() / 1e6
+    };
     let pairs = FACTORS.into_iter().flat_map(|tele| FACTORS.map(|ento| [tele, ento]));
     Ok(pairs.map(|[tele, ento]| [round(radius_mm(0, tele)), round(radius_mm(1, ento))]).collect())
 }

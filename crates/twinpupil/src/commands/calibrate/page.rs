@@ -85,9 +85,7 @@ fn headlines(Findings { calibration, frames, .. }: &Findings<'_>) -> Vec<Headlin
 
 fn advice(report: &mut Report, Findings { calibration, frames, .. }: &Findings<'_>) {
     report.heading("What would make it better");
-    let unexplained = unexplained(calibration.reduced_chi2);
-    let advice: Vec<String> =
-        unexplained.into_iter().chain(calibration.advice.iter().map(|advice| sentence(advice))).collect();
+    let advice: Vec<String> = calibration.advice.iter().map(|advice| sentence(advice)).collect();
     if advice.is_empty() {
         report.paragraph(
             "Nothing stands out: the poses cover the depth range and the sensor, and determine every number.",
@@ -100,18 +98,6 @@ fn advice(report: &mut Report, Findings { calibration, frames, .. }: &Findings<'
         let line = |(frame, fault): &Fault| format!("{}: {fault}.", name(frames, *frame));
         report.list(&calibration.faults.iter().map(line).collect::<Vec<_>>());
     }
-}
-
-/// A warning where noise is far from all that is left.
-fn unexplained(reduced_chi2: f64) -> Option<String> {
-    const TIMES: f64 = 1.5;
-    let times = reduced_chi2.sqrt();
-    (times > TIMES).then(|| {
-        format!(
-            "Residuals are {times:.1} times what noise explains: the target, a frame or the model of the camera is not as \
-             stated. Patterns in the residuals below may tell which; the numbers deserve less trust than their deviations say."
-        )
-    })
 }
 
 /// With a capital and a full stop, but for a key, which keeps its letters.

@@ -23,7 +23,7 @@ pub(super) fn page(designed: &Designed) -> Report {
     ));
     report.headlines(&[
         Headline::new(
-            format!("{:.1} µm", 1000.0 * check.z_std_mm),
+            if check.z_std_mm.is_finite() { format!("{:.1} µm", 1000.0 * check.z_std_mm) } else { "none".to_owned() },
             "median over the working volume of σ_z that no reading can beat",
         ),
         Headline::new(format!("{:.2} mm", chosen.blind_mm), "radius about the axis without depth"),

@@ -32,10 +32,11 @@ pub(super) fn sensor_behind_mm(design: &Design) -> f64 {
 
 /// A choice, cell by cell.
 fn choice_cells(choice: &Choice) -> [String; 9] {
+    let radius = |mm: f64| if mm < 0.1 { format!("{mm:.4}") } else { format!("{mm:.2}") };
     [
-        format!("{:.2}", choice.radii_mm[0]),
+        radius(choice.radii_mm[0]),
         format!("{:.2}", 100.0 * choice.shares[0]),
-        format!("{:.2}", choice.radii_mm[1]),
+        radius(choice.radii_mm[1]),
         format!("{:.2}", 100.0 * choice.shares[1]),
         format!("{:.0}", choice.electrons),
         format!("{:.1}", choice.blur_px[0]),
@@ -119,8 +120,14 @@ pub(super) fn tables(designed: &Designed) -> String {
     );
     let marked = |choice: &Choice| marked_cells(choice, chosen, " unfit");
     text += &render(CHOICE, &choices.iter().map(marked).collect::<Vec<_>>());
-    let _ =
-        writeln!(text, "\nthrough the real lens: σ_z {:.2} µm, the bound of every reading", 1000.0 * check.z_std_mm);
+    text += &match check.z_std_mm {
+        mm if mm.is_finite() => {
+            format!("\nthrough the real lens: σ_z {:.2} µm, the bound of every reading\n", 1000.0 * mm)
+        }
+        _ => {
+            "\nthrough the real lens no dot shows its depth: the lens lets too little of the field through\n".to_owned()
+        }
+    };
     text
 }
 

@@ -7,7 +7,6 @@ mod summary;
 mod text;
 
 use std::path::{Path, PathBuf};
-use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
 use rayon::prelude::*;
@@ -191,7 +190,6 @@ fn show(
     mut files: FolderOutputs,
     console: &Console,
 ) -> Result<()> {
-    let start = Instant::now();
     let rows = tables.iter().map(|(_, table)| rows::rows(&run, table)).collect::<Result<Vec<_>>>()?.concat();
     let outcome = Outcome::of(&run, &rows);
     let toleranced = Toleranced { name: run.trial.drawing.instrument.name.clone(), spec, run, rows, outcome };
@@ -199,7 +197,7 @@ fn show(
     files.add("report.html", page::page(&toleranced).into_html().into_bytes());
     let (names, report) = (files.names(), files.path("report.html"));
     files.commit()?;
-    console.note(format!("{} and the tables behind it, {:.0} s", report.display(), start.elapsed().as_secs_f64()));
+    console.note(format!("{} and the tables behind it", report.display()));
     let text = if args.json { pretty(&summary::Summary::new(&toleranced, names))? } else { text::tables(&toleranced) };
     output::write_stdout(text.as_bytes())
 }
