@@ -27,6 +27,9 @@ const LEARNING: f64 = 0.5;
 /// Features at which lattices are begun, at most.
 const SEEDS: usize = 12;
 
+/// A lattice with this share of the features has all rows and columns: begun along a diagonal it has every second dot.
+const ENOUGH_SHARE: f64 = 0.75;
+
 impl Lattice {
     /// The largest lattice among some of the features.
     pub(crate) fn largest(spots: &[Spot], among: &[usize]) -> Option<Self> {
@@ -40,12 +43,11 @@ impl Lattice {
             if largest.as_ref().is_none_or(|largest| largest.at.len() < grown.at.len()) {
                 largest = Some(grown);
             }
-            // More than half of all: no other can be larger.
-            if largest.as_ref().is_some_and(|largest| 2 * largest.at.len() > among.len()) {
+            if largest.as_ref().is_some_and(|largest| largest.at.len() as f64 > ENOUGH_SHARE * among.len() as f64) {
                 break;
             }
         }
-        largest.map(Self::right_handed)
+        largest.map(|largest| largest.reduced().right_handed())
     }
 
     /// From one feature to its neighbours, and on to theirs.
@@ -94,6 +96,26 @@ impl Lattice {
         let factor = information.cholesky()?;
         let [u, v] = scores.map(|score| factor.solve(&score));
         Some([[u.y, v.y], [u.z, v.z]])
+    }
+
+    /// With the shortest steps that lead to the same places, by Lagrange's reduction: where a feature has lost its
+    /// neighbours along a column, steps that begin there lead askew.
+    fn reduced(self) -> Self {
+        // A little above a half, so that rounding never turns a step back.
+        const SKEW_MAX: f64 = 0.51;
+        let [first, second] = self.steps_px.map(|[u, v]| u.hypot(v));
+        let lattice = if first <= second { self } else { self.transposed() };
+        let [[a, b], [c, d]] = lattice.steps_px;
+        let skew = (a * c + b * d) / (a * a + b * b);
+        if skew.abs() > SKEW_MAX { lattice.sheared(skew.round()).reduced() } else { lattice }
+    }
+
+    /// With the second step less so many of the first.
+    fn sheared(self, times: f64) -> Self {
+        let [first, second] = self.steps_px;
+        let second = [0, 1].map(|k| second[k] - times * first[k]);
+        let at = self.at.into_iter().map(|([i, j], index)| ([i + times as i32 * j, j], index)).collect();
+        Self { at, steps_px: [first, second] }
     }
 
     /// With the second direction a quarter turn from the first, the way v lies from u.
@@ -201,6 +223,16 @@ mod tests {
         let lattice = Lattice::largest(&spots, &all).unwrap();
         assert_eq!(lattice.at.len(), 20);
         assert!(lattice.at.values().all(|index| *index < 20));
+    }
+
+    #[test]
+    fn a_spot_that_has_swallowed_its_neighbours_leads_to_no_diagonals() {
+        let (column, row) = (4, 3);
+        let mut spots = grid(9, 7, 0.1, |i, j| (i - column).abs() + (j - row).abs() > 1);
+        let [left, right] = [(3, 2), (5, 4)].map(|at| grid(9, 7, 0.1, |i, j| (i, j) == at)[0].centre_px);
+        spots.push(Spot { centre_px: [0, 1].map(|k| 0.5 * (left[k] + right[k])), area_px: 6500.0 });
+        let all: Vec<usize> = (0..spots.len()).collect();
+        assert_eq!(Lattice::largest(&spots, &all).unwrap().at.len(), 58);
     }
 
     #[test]

@@ -1,5 +1,7 @@
 //! Which features of a frame are which dots of the target, in every band.
 
+use std::collections::HashMap;
+
 use thiserror::Error;
 
 use crate::lattice::{Lattice, Spot, median};
@@ -77,41 +79,94 @@ pub(crate) type Sighting = Vec<Vec<Labelled>>;
 const DOTS_MIN: usize = 9;
 
 /// Recognises the target in every band, whose names and features are given; `axis_px` is about where the axis is.
+///
+/// Of all ways to lay the grids onto the target none of which goes against a fiducial, that in which the bands agree
+/// best; then that which misses the fewest dots in all bands together; then the plainest for the first.
 pub(crate) fn recognise(
     target: &Target,
     bands: &[(&str, Vec<Spot>)],
     axis_px: [f64; 2],
 ) -> Result<Sighting, SightingError> {
-    let mut sighting = Sighting::new();
-    for (name, spots) in bands {
-        let lattice = lattice(name, spots)?;
-        let placements = best_placements(target, name, &lattice, spots)?;
-        let labelled = placements.iter().map(|placement| placement.labelled(target, &lattice));
-        let chosen = match sighting.first() {
-            None => labelled.into_iter().next(),
-            Some(first) => {
-                let away = |own: &Vec<Labelled>| disagreement_px([first, own], [&bands[0].1, spots], axis_px);
-                let nearest = labelled.map(|own| (away(&own), own)).min_by(|a, b| a.0.total_cmp(&b.0));
-                let is_same = |(away_px, _): &(f64, Vec<Labelled>)| *away_px < SAME_SHARE * lattice.step_px();
-                let away_px = nearest.as_ref().map_or(f64::INFINITY, |(away_px, _)| *away_px);
-                let apart =
-                    || SightingError::Apart { first: bands[0].0.to_owned(), second: (*name).to_owned(), away_px };
-                Some(nearest.filter(is_same).ok_or_else(apart)?.1)
-            }
-        };
-        sighting.push(chosen.unwrap_or_default());
+    let shown = bands.iter().map(|(name, spots)| Shown::new(target, name, spots)).collect::<Result<Vec<_>, _>>()?;
+    let Some((first, others)) = shown.split_first() else { return Ok(Sighting::new()) };
+    let begun = |own: &Candidate| Joint { placements: vec![own.placement], missed: own.missed, away_share: 0.0 };
+    let mut joints: Vec<Joint> = first.candidates.iter().map(begun).collect();
+    for other in others {
+        joints = joined(joints, [first, other], axis_px)?;
     }
-    Ok(sighting)
+    let better = |a: &Joint, b: &Joint| a.away_share.total_cmp(&b.away_share).then(a.missed.cmp(&b.missed));
+    let best = joints.into_iter().min_by(better).map_or(Vec::new(), |joint| joint.placements);
+    Ok(best.iter().zip(&shown).map(|(placement, shown)| placement.labelled(target, &shown.lattice)).collect())
+}
+
+/// The grid that a band shows, and all ways to lay it onto the target.
+struct Shown<'a> {
+    band: &'a str,
+    spots: &'a [Spot],
+    lattice: Lattice,
+    candidates: Vec<Candidate>,
+}
+
+impl<'a> Shown<'a> {
+    fn new(target: &Target, band: &'a str, spots: &'a [Spot]) -> Result<Self, SightingError> {
+        let lattice = lattice(target, band, spots)?;
+        let candidates = candidates(target, band, &lattice, spots)?;
+        Ok(Self { band, spots, lattice, candidates })
+    }
+}
+
+/// A way to lay a grid onto the target that goes against no fiducial.
+struct Candidate {
+    placement: Placement,
+    /// Dots of the target that the grid leaves out in its midst.
+    missed: usize,
+}
+
+/// One way for each band.
+struct Joint {
+    placements: Vec<Placement>,
+    missed: usize,
+    /// By how much the bands disagree with the first, in steps, summed over them.
+    away_share: f64,
+}
+
+/// Ways to lay further bands, each with that of one more which agrees best with the first.
+fn joined(joints: Vec<Joint>, [first, other]: [&Shown<'_>; 2], axis_px: [f64; 2]) -> Result<Vec<Joint>, SightingError> {
+    let mut known: HashMap<Relative, f64> = HashMap::new();
+    let mut least_px = f64::INFINITY;
+    let mut more = Vec::new();
+    for mut joint in joints {
+        let mut away_px = |own: &Candidate| {
+            let relative = own.placement.relative_to(&joint.placements[0]);
+            *known.entry(relative).or_insert_with(|| disagreement_px(&shared(relative, [first, other], axis_px)))
+        };
+        let nearest = other.candidates.iter().map(|own| (away_px(own), own)).min_by(|a, b| a.0.total_cmp(&b.0));
+        let Some((away_px, own)) = nearest else { continue };
+        least_px = least_px.min(away_px);
+        let away_share = away_px / other.lattice.step_px();
+        if away_share < SAME_SHARE {
+            joint.placements.push(own.placement);
+            joint.missed += own.missed;
+            joint.away_share += away_share;
+            more.push(joint);
+        }
+    }
+    if more.is_empty() {
+        let [first, second] = [first, other].map(|shown| shown.band.to_owned());
+        return Err(SightingError::Apart { first, second, away_px: least_px });
+    }
+    Ok(more)
 }
 
 /// Two bands show the same dots if they agree to this share of a step.
 const SAME_SHARE: f64 = 0.25;
 
 /// The grid among the features of a band, which must be the only one.
-fn lattice(band: &str, spots: &[Spot]) -> Result<Lattice, SightingError> {
+fn lattice(target: &Target, band: &str, spots: &[Spot]) -> Result<Lattice, SightingError> {
     const SECOND_SHARE: f64 = 0.3;
     let all: Vec<usize> = (0..spots.len()).collect();
-    let lattice = Lattice::largest(spots, &all).unwrap_or_default();
+    let mut lattice = Lattice::largest(spots, &all).unwrap_or_default();
+    leave_out_wide(target, &mut lattice, spots);
     let placed = lattice.at.len();
     if placed < DOTS_MIN {
         return Err(SightingError::NoTarget { band: band.to_owned(), features: spots.len(), placed });
@@ -129,6 +184,22 @@ fn lattice(band: &str, spots: &[Spot]) -> Result<Lattice, SightingError> {
     Ok(lattice)
 }
 
+/// Leaves out what is too wide for a dot: among dark dots the dark spot that the masks leave, with the dots it touches.
+fn leave_out_wide(target: &Target, lattice: &mut Lattice, spots: &[Spot]) {
+    // Dots that are nearer look larger, but by less than this factor.
+    const NEARER: f64 = 2.0;
+    let spec = target.spec();
+    let widest_mm =
+        spec.fiducials.iter().filter_map(|fiducial| fiducial.diameter_mm).fold(spec.dot_diameter_mm, f64::max);
+    let most_px = NEARER * widest_mm / spec.dot_diameter_mm * typical_side_px(lattice, spots);
+    lattice.at.retain(|_, feature| spots[*feature].area_px.sqrt() <= most_px);
+}
+
+/// The root of the typical area of a lattice's dots.
+fn typical_side_px(lattice: &Lattice, spots: &[Spot]) -> f64 {
+    median(lattice.at.values().map(|index| spots[*index].area_px.sqrt()))
+}
+
 /// How a lattice lies on the target: turned by quarters, and shifted.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Placement {
@@ -142,14 +213,15 @@ struct Placement {
 impl Placement {
     /// Column and row of a place of the lattice.
     fn place(&self, [i, j]: [i32; 2]) -> [i32; 2] {
-        let [i, j] = if self.is_mirrored { [j, i] } else { [i, j] };
-        let [i, j] = match self.quarters {
-            0 => [i, j],
-            1 => [-j, i],
-            2 => [-i, -j],
-            _ => [j, -i],
-        };
+        let [i, j] = turned(if self.is_mirrored { [j, i] } else { [i, j] }, self.quarters);
         [i + self.shift[0], j + self.shift[1]]
+    }
+
+    /// How places of another's lattice lie in this one's, if neither is mirrored.
+    fn relative_to(&self, other: &Self) -> Relative {
+        let back = (4 - self.quarters) % 4;
+        let [i, j] = [0, 1].map(|k| other.shift[k] - self.shift[k]);
+        Relative { quarters: (other.quarters + back) % 4, shift: turned([i, j], back) }
     }
 
     fn labelled(&self, target: &Target, lattice: &Lattice) -> Vec<Labelled> {
@@ -163,7 +235,31 @@ impl Placement {
     }
 }
 
-/// All ways to lay a lattice onto the target.
+/// How the places of one lattice lie in another: turned by quarters, and shifted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+struct Relative {
+    quarters: usize,
+    shift: [i32; 2],
+}
+
+impl Relative {
+    fn place(&self, place: [i32; 2]) -> [i32; 2] {
+        let [i, j] = turned(place, self.quarters);
+        [i + self.shift[0], j + self.shift[1]]
+    }
+}
+
+/// A place turned by quarters about the origin.
+fn turned([i, j]: [i32; 2], quarters: usize) -> [i32; 2] {
+    match quarters {
+        0 => [i, j],
+        1 => [-j, i],
+        2 => [-i, -j],
+        _ => [j, -i],
+    }
+}
+
+/// All ways to lay a lattice onto the target, the plainest first.
 fn placements(target: &Target, lattice: &Lattice, is_mirrored: bool) -> Vec<Placement> {
     let sides = [target.spec().columns as i32, target.spec().rows as i32];
     let mut placements = Vec::new();
@@ -197,42 +293,33 @@ fn placements(target: &Target, lattice: &Lattice, is_mirrored: bool) -> Vec<Plac
     placements
 }
 
-/// The ways that agree best with the fiducials, the plainest first.
-fn best_placements(
-    target: &Target,
-    band: &str,
-    lattice: &Lattice,
-    spots: &[Spot],
-) -> Result<Vec<Placement>, SightingError> {
-    // What is shown and should not be counts most: dots may be lost, as on the axis, where the masks shut both bands.
-    let scored = |is_mirrored: bool| -> ([usize; 2], Vec<Placement>) {
-        let wrong: Vec<([usize; 2], Placement)> = placements(target, lattice, is_mirrored)
-            .into_iter()
-            .map(|placement| (wrong(target, lattice, spots, &placement), placement))
-            .collect();
-        let least = wrong.iter().map(|(wrong, _)| *wrong).min().unwrap_or([usize::MAX; 2]);
-        (least, wrong.into_iter().filter(|(wrong, _)| *wrong == least).map(|(_, placement)| placement).collect())
-    };
-    let ([wrong, _], best) = scored(false);
-    if best.is_empty() {
+/// The ways that go against no fiducial, the plainest first.
+fn candidates(target: &Target, band: &str, lattice: &Lattice, spots: &[Spot]) -> Result<Vec<Candidate>, SightingError> {
+    // Dots may be lost, as on the axis, where the masks shut both bands: only what is shown and should not be counts.
+    let scored = |placement: Placement| (wrong(target, lattice, spots, &placement), placement);
+    let upright: Vec<_> = placements(target, lattice, false).into_iter().map(scored).collect();
+    let Some(wrong) = upright.iter().map(|(wrong, _)| *wrong).min() else {
         let found = lattice.extent().map(|[low, high]| high - low + 1);
         let stated = [target.spec().columns, target.spec().rows];
         return Err(SightingError::TooLarge { band: band.to_owned(), found, stated });
-    }
+    };
     if wrong == 0 {
-        return Ok(best);
+        let right = upright.into_iter().filter(|(wrong, _)| *wrong == 0);
+        let candidate = |(_, placement)| Candidate { placement, missed: missed(target, lattice, &placement) };
+        return Ok(right.map(candidate).collect());
     }
     let band = band.to_owned();
-    Err(if scored(true).0[0] == 0 { SightingError::Mirrored { band } } else { SightingError::Unlike { band, wrong } })
+    let is_mirrored = placements(target, lattice, true).into_iter().map(scored).any(|(wrong, _)| wrong == 0);
+    Err(if is_mirrored { SightingError::Mirrored { band } } else { SightingError::Unlike { band, wrong } })
 }
 
-/// Places that are not as the target says: dots where there are none or of another size; and dots that are not shown.
-fn wrong(target: &Target, lattice: &Lattice, spots: &[Spot], placement: &Placement) -> [usize; 2] {
+/// Places that are not as the target says: dots where there are none, or of another size.
+fn wrong(target: &Target, lattice: &Lattice, spots: &[Spot], placement: &Placement) -> usize {
     let spec = target.spec();
     if spec.fiducials.is_empty() {
-        return [0, 0];
+        return 0;
     }
-    let typical_px = median(lattice.at.values().map(|index| spots[*index].area_px.sqrt()));
+    let typical_px = typical_side_px(lattice, spots);
     let is_wrong = |(place, feature): &(&[i32; 2], &usize)| {
         let [column, row] = placement.place(**place).map(|side| side as usize);
         let seen = spots[**feature].area_px.sqrt() / typical_px;
@@ -242,7 +329,7 @@ fn wrong(target: &Target, lattice: &Lattice, spots: &[Spot], placement: &Placeme
             None => is_larger(target, seen),
         }
     };
-    [lattice.at.iter().filter(is_wrong).count(), missed(target, lattice, placement)]
+    lattice.at.iter().filter(is_wrong).count()
 }
 
 /// Whether a dot is as large, relative to the typical one, as the target's larger dots.
@@ -268,32 +355,40 @@ fn missed(target: &Target, lattice: &Lattice, placement: &Placement) -> usize {
     holes.iter().filter(|place| is_dot(place)).count()
 }
 
-/// Root mean square distance of the dots that two bands share when the first is scaled about the axis to the second, by
-/// a scale that may grow across it.
-fn disagreement_px(labelled: [&Vec<Labelled>; 2], spots: [&[Spot]; 2], axis_px: [f64; 2]) -> f64 {
-    let [first, second] = labelled;
-    let from_axis = |band: usize, feature: usize| {
-        let [u, v] = spots[band][feature].centre_px;
+/// Where two bands show the same dot, from the axis, px.
+type Both = [nalgebra::Vector2<f64>; 2];
+
+/// The dots that two bands share if places of the first lie so in the second.
+fn shared(relative: Relative, shown: [&Shown<'_>; 2], axis_px: [f64; 2]) -> Vec<Both> {
+    let from_axis = |shown: &Shown<'_>, feature: usize| {
+        let [u, v] = shown.spots[feature].centre_px;
         nalgebra::Vector2::new(u - axis_px[0], v - axis_px[1])
     };
-    let shared: Vec<_> = first
-        .iter()
-        .filter_map(|(dot, feature)| {
-            let other = second.binary_search_by_key(dot, |(dot, _)| *dot).ok()?;
-            Some((from_axis(0, *feature), from_axis(1, second[other].1)))
-        })
-        .collect();
+    let [first, second] = shown;
+    let both = |(place, feature): (&[i32; 2], &usize)| {
+        let other = second.lattice.at.get(&relative.place(*place))?;
+        Some((*feature, [from_axis(first, *feature), from_axis(second, *other)]))
+    };
+    let mut shared: Vec<(usize, Both)> = first.lattice.at.iter().filter_map(both).collect();
+    // In an order of their own, so that sums are the same on every run.
+    shared.sort_unstable_by_key(|(feature, _)| *feature);
+    shared.into_iter().map(|(_, both)| both).collect()
+}
+
+/// Root mean square distance of the dots that two bands share when the first is scaled about the axis to the second, by
+/// a scale that may grow across it.
+fn disagreement_px(shared: &[Both]) -> f64 {
     if shared.len() < DOTS_MIN {
         return f64::INFINITY;
     }
     let (mut information, mut score) = (nalgebra::Matrix3::zeros(), nalgebra::Vector3::zeros());
     // Lengths of about one keep the equations sound.
-    let size_px = shared.iter().map(|(p, _)| p.norm()).fold(1.0, f64::max);
+    let size_px = shared.iter().map(|[p, _]| p.norm()).fold(1.0, f64::max);
     let rows = |p: &nalgebra::Vector2<f64>| {
         let scales = nalgebra::Vector3::new(1.0, p.x / size_px, p.y / size_px);
         [scales * p.x, scales * p.y]
     };
-    for (p, q) in &shared {
+    for [p, q] in shared {
         for (row, seen) in rows(p).into_iter().zip(q.iter()) {
             information += row * row.transpose();
             score += row * *seen;
@@ -302,7 +397,7 @@ fn disagreement_px(labelled: [&Vec<Labelled>; 2], spots: [&[Spot]; 2], axis_px: 
     let scales = information.cholesky().map(|factor| factor.solve(&score));
     // A grid upside down about its middle, on the axis, is one scaled by −1.
     let Some(scales) = scales.filter(|scales| scales.x > 0.0) else { return f64::INFINITY };
-    let squares = shared.iter().flat_map(|(p, q)| {
+    let squares = shared.iter().flat_map(|[p, q]| {
         let [u, v] = rows(p).map(|row| row.dot(&scales));
         [(u - q.x).powi(2), (v - q.y).powi(2)]
     });
@@ -377,15 +472,39 @@ mod tests {
     #[test]
     fn upside_down_is_not_the_same() {
         let target = target(Vec::new());
-        let spots = seen(&target, 0.0, 90.0, 1.0);
-        let count = spots.len();
-        let upright: Vec<Labelled> = (0..count).map(|dot| (dot, dot)).collect();
-        let turned: Vec<Labelled> = (0..count).map(|dot| (dot, count - 1 - dot)).collect();
+        let places: Vec<_> = target.dots().iter().map(|dot| nalgebra::Vector2::from(dot.position_mm)).collect();
         // About the target's own middle.
-        let middle_px = spots[count / 2].centre_px;
-        let away = |labelled: &Vec<Labelled>| disagreement_px([&upright, labelled], [&spots, &spots], middle_px);
-        assert!(away(&upright) < 1e-9);
-        assert_eq!(away(&turned), f64::INFINITY);
+        let away = |sign: f64| disagreement_px(&places.iter().map(|p| [90.0 * p, sign * 75.0 * p]).collect::<Vec<_>>());
+        assert!(away(1.0) < 1e-9);
+        assert_eq!(away(-1.0), f64::INFINITY);
+    }
+
+    #[test]
+    fn a_fiducial_that_one_band_shows_tells_of_all() {
+        let target = target(vec![missing(0, 0)]);
+        // Upside down; the first or the second band is cut off before the row of the fiducial.
+        for turn_rad in [0.05, 3.1] {
+            let [whole, part] = [seen(&target, turn_rad, 90.0, 1.0), seen(&target, turn_rad, 75.0, 1.0)[6..].to_vec()];
+            let all: Vec<Labelled> = (0..34).map(|dot| (dot, dot)).collect();
+            let rest: Vec<Labelled> = (6..34).map(|dot| (dot, dot - 6)).collect();
+            let sighted = |bands: [(&str, Vec<Spot>); 2]| recognise(&target, &bands, AXIS_PX).unwrap();
+            assert_eq!(sighted([("a", part.clone()), ("b", whole.clone())]), [rest.clone(), all.clone()]);
+            assert_eq!(sighted([("a", whole), ("b", part)]), [all, rest]);
+        }
+    }
+
+    #[test]
+    fn a_dark_spot_with_the_dots_it_touches_is_no_dot() {
+        let target = target(Vec::new());
+        let whole = seen(&target, 0.1, 90.0, 1.0);
+        let (row, column) = (2, 3);
+        let swallowed = |dot: &usize| dot / 7 == row && (dot % 7).abs_diff(column) <= 1;
+        let mut spots: Vec<Spot> = (0..whole.len()).filter(|dot| !swallowed(dot)).map(|dot| whole[dot]).collect();
+        let [u, v] = whole[target.dot_at(row, column).unwrap()].centre_px;
+        spots.push(Spot { centre_px: [u + 14.0, v], area_px: 13.0 * whole[0].area_px });
+        let labelled = recognise(&target, &[("a", spots)], AXIS_PX).unwrap().remove(0);
+        let left: Vec<usize> = (0..whole.len()).filter(|dot| !swallowed(dot)).collect();
+        assert_eq!(labelled, left.into_iter().enumerate().map(|(feature, dot)| (dot, feature)).collect::<Vec<_>>());
     }
 
     #[test]
