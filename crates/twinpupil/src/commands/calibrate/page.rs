@@ -397,7 +397,7 @@ pub(super) mod tests {
         little.offsets_mm = Some(Vec::new());
         let page = html(&little);
         assert!(page.contains("Nothing stands out") && !page.contains("NaN"), "{page}");
-        little.reduced_chi2 = 4.0;
+        little.advice.push("residuals are 2.0 times what noise explains".to_owned());
         assert!(html(&little).contains("<li>Residuals are 2.0 times what noise explains"));
     }
 }
