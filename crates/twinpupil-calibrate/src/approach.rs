@@ -1,7 +1,7 @@
 //! Poses and instrument as features alone tell them, without the frames that do not fit.
 
 use nalgebra::{Matrix4, Vector4};
-use twinpupil_instrument::{Parameter, PixelPoint, Projection, Role};
+use twinpupil_instrument::{PixelPoint, Projection, Role};
 use twinpupil_reconstruct::{Feature, Reconstructor};
 
 use crate::adjust::{Adjusted, Dots, Observation, Weighing};
@@ -11,7 +11,7 @@ use crate::lattice::median;
 use crate::now::Now;
 use crate::pose::{Pose, Sight};
 use crate::seen::{Seen, on_page};
-use crate::unknown::{Quantity, Unknown};
+use crate::unknown::Unknown;
 
 /// Tolerances from the data sheet beyond which a number is refused as long as features alone tell it.
 const SIGMAS_MAX: f64 = 6.0;
@@ -33,35 +33,6 @@ struct Trust {
 const ROUGH: Trust = Trust { centre_px: 0.1, radius: [0.02, 1.0], blur: [0.1, 0.7] };
 const WHOLE: Trust = Trust { centre_px: 0.01, radius: [0.01, 0.3], blur: [0.03, 0.5] };
 const CUT: Trust = Trust { centre_px: 2.0, radius: [0.1, 2.0], blur: [0.2, 2.0] };
-
-/// What features lead to from some start.
-struct Attempt {
-    now: Now,
-    observations: Vec<Observation>,
-    adjusted: Adjusted,
-}
-
-/// χ² of an observation from which features are poorly explained.
-const POOR_CHI2: f64 = 8.0;
-
-/// So many frames are tried from every start.
-const FEW_FRAMES: usize = 12;
-
-const UNTRIED: CalibrateError = CalibrateError::Undetermined("there is nothing to adjust to");
-
-/// Steps of the unknowns, in their deviations, that put the focus of bands elsewhere.
-fn focal_steps(unknowns: &[Unknown]) -> Vec<Vec<f64>> {
-    const STEP: f64 = 0.7;
-    let mut all = vec![Vec::new()];
-    for unknown in unknowns {
-        let is_focal =
-            matches!(unknown.quantity, Quantity::Instrument(Parameter::FocalLength | Parameter::BandFocalLength(_)));
-        let steps: &[f64] = if is_focal { &[0.0, -STEP, STEP] } else { &[0.0] };
-        all = all.iter().flat_map(|own| steps.iter().map(|step| [own.as_slice(), &[*step]].concat())).collect();
-    }
-    // The first is where it stands.
-    all.split_off(1)
-}
 
 impl Calibrator<'_> {
     /// Poses and instrument as the features alone tell them, without frames that do not fit.
@@ -89,64 +60,17 @@ impl Calibrator<'_> {
                 return Err(CalibrateError::no_frames(faults));
             }
             let start = self.start(reader, unknowns, seen, poses.clone());
-            let Attempt { now, observations, adjusted } = self.best_attempt(&start, unknowns, seen)?;
+            let observations = self.observations(&start, seen, |_| &ROUGH);
+            let adjusted = start.solved(unknowns, &observations, WEIGHING)?;
             self.check_roles(&start, unknowns, seen, (&observations, &adjusted))?;
-            self.check_data_sheet(&now, unknowns, &adjusted, SIGMAS_MAX)?;
-            let now = now.moved_to(unknowns, adjusted)?;
+            self.check_data_sheet(&start, unknowns, &adjusted, SIGMAS_MAX)?;
+            let now = start.moved_to(unknowns, adjusted)?;
             let Some((place, fault)) = self.worst_fault(&now, seen, &observations) else {
                 return self.closer(&now, reader, unknowns, seen);
             };
             faults.push((seen.remove(place).frame, fault));
             poses.remove(place);
         }
-    }
-
-    /// The best of what the features lead to from where bands may have their focus: which side of it a dot is on its blur does
-    /// not say.
-    fn best_attempt(&self, start: &Now, unknowns: &[Unknown], seen: &[Seen<'_>]) -> Result<Attempt, CalibrateError> {
-        let mut tried = Vec::new();
-        let mut best = self.attempt(start.clone(), unknowns, seen, &mut tried)?.ok_or(UNTRIED)?;
-        // Many frames, well explained, leave no doubt.
-        let is_clear = best.adjusted.cost < POOR_CHI2 * best.observations.len() as f64;
-        if is_clear && seen.len() > FEW_FRAMES {
-            return Ok(best);
-        }
-        for focal_steps in focal_steps(unknowns) {
-            let Ok(elsewhere) = start.stepped(unknowns, &focal_steps) else { continue };
-            let Ok(Some(attempt)) = self.attempt(elsewhere, unknowns, seen, &mut tried) else { continue };
-            if attempt.adjusted.cost < best.adjusted.cost {
-                best = attempt;
-            }
-        }
-        Ok(best)
-    }
-
-    /// Adjusts to the features, each dot on that side of the focus where it is found by then; `None` if that was tried.
-    fn attempt(
-        &self,
-        mut now: Now,
-        unknowns: &[Unknown],
-        seen: &[Seen<'_>],
-        tried: &mut Vec<Vec<bool>>,
-    ) -> Result<Option<Attempt>, CalibrateError> {
-        const ROUNDS: usize = 4;
-        let mut best: Option<Attempt> = None;
-        for _ in 0..ROUNDS {
-            let observations = self.observations(&now, seen, |_| &ROUGH);
-            let sides: Vec<bool> = observations.iter().map(|observation| observation.anchor.w < 0.0).collect();
-            if tried.contains(&sides) {
-                break;
-            }
-            tried.push(sides);
-            let adjusted = now.solved(unknowns, &observations, WEIGHING)?;
-            let next = now.moved_to(unknowns, adjusted.clone());
-            if best.as_ref().is_none_or(|best| adjusted.cost < best.adjusted.cost) {
-                best = Some(Attempt { now, observations, adjusted });
-            }
-            let Ok(next) = next else { break };
-            now = next;
-        }
-        Ok(best)
     }
 
     /// Once more, now that it is known which dots the masks cut: the centres of the others are good to hundredths of a pixel.
@@ -302,6 +226,7 @@ impl Calibrator<'_> {
         seen: &[Seen<'_>],
         (observations, adjusted): (&[Observation], &Adjusted),
     ) -> Result<(), CalibrateError> {
+        const POOR_CHI2: f64 = 8.0;
         const BETTER: f64 = 0.2;
         if adjusted.cost < POOR_CHI2 * observations.len() as f64 {
             return Ok(());

@@ -163,15 +163,6 @@ impl Now {
         Ok(next)
     }
 
-    /// With the unknowns moved by so many of their deviations.
-    pub(crate) fn stepped(&self, unknowns: &[Unknown], sigmas: &[f64]) -> Result<Self, ValueError> {
-        let mut adjusted = self.adjusted.clone();
-        for ((value, unknown), sigmas) in adjusted.state.values.iter_mut().zip(unknowns).zip(sigmas) {
-            *value += sigmas * unknown.prior_std;
-        }
-        self.moved_to(unknowns, adjusted)
-    }
-
     /// Takes the bands' projections from the optics, and what the lens adds to them.
     pub(crate) fn see_through(&mut self, projections: Vec<Projection>, lens: Vec<LensTerms>) {
         self.cameras = cameras(&self.instrument, &projections, &lens, self.diameter_scale);
