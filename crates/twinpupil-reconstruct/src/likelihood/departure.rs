@@ -3,7 +3,7 @@
 use twinpupil_instrument::{Grid, PointSpread, ResponseTable};
 
 use crate::likelihood::pencil::Vector2;
-use crate::likelihood::spot::{Dot, Matrix2};
+use crate::likelihood::spot::{Dot, Matrix2, Tilt, inverse, product, times};
 
 /// What the lens adds to the images of points in one band, over (r, z).
 #[derive(Debug, Clone)]
@@ -86,29 +86,25 @@ impl Departures {
     ///
     /// A lens that adds k r³ thus moves a dot across the axis as if that were at r by k r (r² + 3 ρ²).
     fn moved(&self, dot: &Dot, rho_mm: f64) -> (Vector2, Matrix2) {
-        let ([x_mm, y_mm, z_mm], [sx, sy]) = (dot.centre_mm, dot.slopes);
-        let slope = (sx * sx + sy * sy).sqrt();
-        let [ux, uy] = if slope > 0.0 { [sx / slope, sy / slope] } else { [1.0, 0.0] };
-        let cos = 1.0 / (1.0 + slope * slope).sqrt();
+        let [x_mm, y_mm, z_mm] = dot.centre_mm;
+        let tilt = Tilt::of(dot.slopes);
+        let shape = tilt.shape([0.0; 2]);
+        let inverse = inverse(shape);
         let (mut mean, mut once, mut twice) = (0.0, [0.0; 2], [0.0; 2]);
         for [c, s] in RIM {
-            let (steep_mm, level_mm) = (rho_mm * cos * c, rho_mm * s);
-            let [x, y] = [x_mm + steep_mm * ux - level_mm * uy, y_mm + steep_mm * uy + level_mm * ux];
+            let [along, across] = times(shape, [rho_mm * c, rho_mm * s]);
+            let [x, y] = [x_mm + along, y_mm + across];
             let r_mm = (x * x + y * y).sqrt().max(f64::MIN_POSITIVE);
-            let per_mm = self.outwards_mm(r_mm, z_mm + steep_mm * slope) / r_mm;
-            let moved_mm = per_mm * (c / cos * (ux * x + uy * y) + s * (ux * y - uy * x)) / RIM.len() as f64;
+            let per_mm = self.outwards_mm(r_mm, z_mm + rho_mm * c * tilt.sin) / r_mm;
+            let [du, dv] = times(inverse, [per_mm * x, per_mm * y]);
+            let moved_mm = (c * du + s * dv) / RIM.len() as f64;
             mean += moved_mm;
             once = [once[0] + 2.0 * moved_mm * c, once[1] + 2.0 * moved_mm * s];
             twice = [twice[0] + 2.0 * moved_mm * (c * c - s * s), twice[1] + 4.0 * moved_mm * c * s];
         }
-        let shift_mm = [cos * once[0] * ux - once[1] * uy, cos * once[0] * uy + once[1] * ux];
-        let [a, d] = [mean + twice[0], mean - twice[0]].map(|mm| mm / rho_mm);
-        let [b, c] = [twice[1] * cos, twice[1] / cos].map(|mm| mm / rho_mm);
-        // From the axes of the slope.
-        let growth = [
-            [a * ux * ux - (b + c) * ux * uy + d * uy * uy, b * ux * ux + (a - d) * ux * uy - c * uy * uy],
-            [c * ux * ux + (a - d) * ux * uy - b * uy * uy, a * uy * uy + (b + c) * ux * uy + d * ux * ux],
-        ];
+        let shift_mm = times(shape, once);
+        let grown = [[mean + twice[0], twice[1]], [twice[1], mean - twice[0]]].map(|row| row.map(|mm| mm / rho_mm));
+        let growth = product(product(shape, grown), inverse);
         (shift_mm, growth)
     }
 

@@ -5,7 +5,7 @@ use twinpupil_instrument::{ImagePoint, Page};
 
 use crate::likelihood::light::Places;
 use crate::likelihood::pencil::{Pencil, Vector2};
-use crate::likelihood::spot::{Matrix2, Spot, SpotJacobian, inverse, product};
+use crate::likelihood::spot::{Matrix2, Spot, SpotJacobian, inverse, product, times};
 
 /// How places on a bent page differ from those on one that goes on as it is at a spot: second-order terms in the distance
 /// from the spot's centre along u and v, 1/px.
@@ -118,10 +118,6 @@ fn similarity([[a, b], [c, d]]: Matrix2) -> (f64, Matrix2) {
     let length = cos.hypot(sin);
     let (cos, sin) = (cos / length, sin / length);
     (determinant.abs().sqrt(), [[cos, -sign * sin], [sin, sign * cos]])
-}
-
-fn times(matrix: Matrix2, [x, y]: Vector2) -> Vector2 {
-    matrix.map(|[a, b]| a * x + b * y)
 }
 
 #[cfg(test)]

@@ -265,8 +265,8 @@ impl Departure {
             stretch_px: parts.map(|part| sign * part.stretch_mm * per_px),
             coma_px: parts.map(|part| part.coma_mm.map(|mm| mm * per_px)),
             spherical_px: sign * self.spread.spherical_mm * per_px,
-            // What passes the pupil at w arrives at −B w.
             falloff: parts.map(|part| part.falloff),
+            // What passes the pupil at w arrives at −B w.
             light_px: -self.spread.light_growth * blur_mm * per_px,
             left_px: self.spread.left_mm * per_px,
             away: self.away,
@@ -290,15 +290,15 @@ impl Departure {
 }
 
 /// How a surface is tilted.
-struct Tilt {
+pub(crate) struct Tilt {
     /// Unit vector along the steepest slope.
     steepest: Vector2,
-    sin: f64,
+    pub(crate) sin: f64,
     cos: f64,
 }
 
 impl Tilt {
-    fn of([sx, sy]: Vector2) -> Self {
+    pub(crate) fn of([sx, sy]: Vector2) -> Self {
         let slope = (sx * sx + sy * sy).sqrt();
         let cos = 1.0 / (1.0 + slope * slope).sqrt();
         let steepest = if slope > 0.0 { [sx / slope, sy / slope] } else { [1.0, 0.0] };
@@ -307,10 +307,15 @@ impl Tilt {
 
     /// `R diag(cosθ, 1) + (p′/m) ⊗ (sinθ, 0)`: foreshortening along the first axis, and what the drift p′ of the image
     /// with depth adds to it, over the magnification.
-    fn shape(&self, drift: Vector2) -> Matrix2 {
+    pub(crate) fn shape(&self, drift: Vector2) -> Matrix2 {
         let [ux, uy] = self.steepest;
         [[ux * self.cos + drift[0] * self.sin, -uy], [uy * self.cos + drift[1] * self.sin, ux]]
     }
+}
+
+/// A vector under a matrix.
+pub(crate) fn times(matrix: Matrix2, [x, y]: Vector2) -> Vector2 {
+    matrix.map(|[a, b]| a * x + b * y)
 }
 
 /// The product of two matrices.

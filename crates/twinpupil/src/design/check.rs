@@ -39,8 +39,8 @@ pub fn check(instrument: &Instrument, light: &Light, electrons: f64) -> Result<C
     // As far as the sensor sees, and the lens lets light of both bands through.
     let reach_mm = seen_radius_mm(instrument, middle_mm);
     let is_lit = |r_mm: f64| bands.iter().all(|band| table.at(*band, r_mm, middle_mm).throughput > RIM_LIGHT_MIN);
-    let radii_mm = (1..=FIELD_STEPS).rev().map(|step| reach_mm * f64::from(step) / f64::from(FIELD_STEPS));
-    let field_radius_mm = radii_mm.into_iter().find(|r_mm| is_lit(*r_mm)).unwrap_or(0.0);
+    let mut radii_mm = (1..=FIELD_STEPS).rev().map(|step| reach_mm * f64::from(step) / f64::from(FIELD_STEPS));
+    let field_radius_mm = radii_mm.find(|r_mm| is_lit(*r_mm)).unwrap_or(0.0);
     let pitch_mm = instrument.sensor.pitch_mm;
     let depths_mm = [range.near_mm, middle_mm, range.far_mm];
     let largest = |band: usize, value: fn(&twinpupil_instrument::PointResponse) -> f64| {

@@ -120,14 +120,12 @@ pub(super) fn tables(designed: &Designed) -> String {
     );
     let marked = |choice: &Choice| marked_cells(choice, chosen, " unfit");
     text += &render(CHOICE, &choices.iter().map(marked).collect::<Vec<_>>());
-    text += &match check.z_std_mm {
-        mm if mm.is_finite() => {
-            format!("\nthrough the real lens: σ_z {:.2} µm, the bound of every reading\n", 1000.0 * mm)
-        }
-        _ => {
-            "\nthrough the real lens no dot shows its depth: the lens lets too little of the field through\n".to_owned()
-        }
-    };
+    if check.z_std_mm.is_finite() {
+        let z_std_um = 1000.0 * check.z_std_mm;
+        let _ = writeln!(text, "\nthrough the real lens: σ_z {z_std_um:.2} µm, the bound of every reading");
+    } else {
+        text += "\nthrough the real lens no dot shows its depth: the lens lets too little of the field through\n";
+    }
     text
 }
 
