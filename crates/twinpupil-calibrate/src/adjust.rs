@@ -637,6 +637,11 @@ impl Observation {
         ))
     }
 
+    /// Variances of what it tells of u, v, radius and blur, px².
+    pub(crate) fn variances_px2(&self) -> Vector4<f64> {
+        told_inverse(&self.information).diagonal()
+    }
+
     /// χ² of an image: of its change from the most likely one.
     pub(crate) fn chi2(&self, image: &Vector4<f64>) -> f64 {
         let change = image - self.anchor;
@@ -647,16 +652,16 @@ impl Observation {
 
 /// From the anchor to the image that a score finds most likely; where something is not told at all the rest still is.
 fn most_likely_change(score: &Vector4<f64>, information: &Matrix4<f64>) -> Vector4<f64> {
+    told_inverse(information) * score
+}
+
+/// Inverse of what an information tells: directions in which it tells next to nothing, or less for rounding, count for none.
+fn told_inverse(information: &Matrix4<f64>) -> Matrix4<f64> {
     const LEAST: f64 = 1e-9;
     let eigen = information.symmetric_eigen();
-    let largest = eigen.eigenvalues.max();
-    let mut change = Vector4::zeros();
-    for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
-        if *value > LEAST * largest {
-            change += vector * (vector.dot(score) / value);
-        }
-    }
-    change
+    let least = LEAST * eigen.eigenvalues.max();
+    let told = eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()).filter(|(value, _)| **value > least);
+    told.map(|(value, vector)| vector * vector.transpose() / *value).sum()
 }
 
 /// How much neighbours on a grid are alike.

@@ -3,7 +3,7 @@
 use twinpupil_instrument::DepthRange;
 
 use crate::result::{Calibration, LeftOpen};
-use crate::target::Target;
+use crate::target::{Target, TargetDot};
 use crate::unknown::Quantity;
 
 /// Share of the depth range beyond the nearest and farthest pose that a calibration may be trusted in.
@@ -25,7 +25,11 @@ const TIED: f64 = 0.5;
 const OFF_STAGE_SIGMAS: f64 = 3.0;
 
 pub(crate) fn advice(calibration: &Calibration, target: &Target) -> Vec<String> {
-    let mut advice: Vec<String> = unexplained(calibration).into_iter().chain(other_size(calibration)).collect();
+    let mut advice: Vec<String> =
+        [restless(calibration), unexplained(calibration), other_size(calibration), wrong_dots(calibration, target)]
+            .into_iter()
+            .flatten()
+            .collect();
     let frames = &calibration.frames;
     if frames.len() < FRAMES_MIN {
         advice.push(format!("{} of the frames could be used: take at least {FRAMES_MIN}", frames.len()));
@@ -78,20 +82,37 @@ pub(crate) fn advice(calibration: &Calibration, target: &Target) -> Vec<String> 
     advice
 }
 
+/// Whether the numbers still moved when they were taken.
+fn restless(calibration: &Calibration) -> Option<String> {
+    let sigmas = calibration.unrest_sigmas;
+    (sigmas > 0.0).then(|| {
+        format!(
+            "the numbers did not come to rest: the last step still moved them by {sigmas:.1} deviations, so that they are not \
+             to be trusted; add frames in other poses"
+        )
+    })
+}
+
 /// Whether noise is far from all that is left.
 fn unexplained(calibration: &Calibration) -> Option<String> {
     const TIMES: f64 = 1.5;
+    const DOUBTED_SHARE: f64 = 0.03;
     let times = calibration.reduced_chi2.sqrt();
+    let (doubted, spots) = (calibration.doubted().count(), calibration.residuals.len());
+    let what = if times > TIMES {
+        format!("residuals are {times:.1} times what noise explains")
+    } else if doubted as f64 > DOUBTED_SHARE * spots as f64 {
+        format!("{doubted} of {spots} spots lie so far from where they should that they hardly count")
+    } else {
+        return None;
+    };
     let worst = calibration.frames.iter().max_by(|a, b| a.pixel_chi2.total_cmp(&b.pixel_chi2))?;
-    (times > TIMES).then(|| {
-        format!(
-            "residuals are {times:.1} times what noise explains: the target, a frame or the model of the camera is not as \
-             stated, and the numbers deserve less trust than their deviations say; the frame given as number {} fits worst, \
-             with a χ² of {:.1} for each pixel",
-            worst.frame + 1,
-            worst.pixel_chi2
-        )
-    })
+    Some(format!(
+        "{what}: the target, a frame or the model of the camera is not as stated, and the numbers deserve less trust than \
+         their deviations say; the frame given as number {} fits worst, with a χ² of {:.1} for each pixel",
+        worst.frame + 1,
+        worst.pixel_chi2
+    ))
 }
 
 /// Whether dots seem larger beside their pitch than is stated, or smaller.
@@ -106,6 +127,32 @@ fn other_size(calibration: &Calibration) -> Option<String> {
             "dots are {:.1} % {way} beside their pitch than the target file says: measure pitch_mm, of which all that is found is \
              made, and dot_diameter_mm",
             percent.abs()
+        )
+    })
+}
+
+/// Which dots are not where the target file says, or not what it says.
+fn wrong_dots(calibration: &Calibration, target: &Target) -> Option<String> {
+    /// Sightings of a dot that are doubted if it is wrong, of all; and dots that are named.
+    const SHARE: f64 = 0.5;
+    const NAMED: usize = 5;
+    let of_dot = |dot: usize| calibration.residuals.iter().filter(move |residual| residual.dot == dot);
+    let is_wrong = |dot: &usize| {
+        let doubted = of_dot(*dot).filter(|residual| residual.is_doubted).count();
+        doubted > 1 && doubted as f64 > SHARE * of_dot(*dot).count() as f64
+    };
+    let wrong: Vec<usize> = (0..target.dots().len()).filter(is_wrong).collect();
+    let place = |dot: &TargetDot| format!("row {}, column {}", dot.row, dot.column);
+    let named: Vec<String> = wrong.iter().take(NAMED).map(|dot| place(&target.dots()[*dot])).collect();
+    let others = match wrong.len().saturating_sub(NAMED) {
+        0 => String::new(),
+        more => format!("; and {more} more"),
+    };
+    (!wrong.is_empty()).then(|| {
+        format!(
+            "dots of the target are not where or as large as its file says, and hardly count ({}{others}, counted from 0): \
+             clean it, or seek their places with --refine-target-mm",
+            named.join("; ")
         )
     })
 }

@@ -1,7 +1,7 @@
 //! Poses and instrument as features alone tell them, without the frames that do not fit.
 
 use nalgebra::{Matrix4, Vector4};
-use twinpupil_instrument::{PixelPoint, Projection, Role};
+use twinpupil_instrument::{Parameter, PixelPoint, Projection, Role};
 use twinpupil_reconstruct::{Feature, Reconstructor};
 
 use crate::adjust::{Adjusted, Dots, Observation, Weighing};
@@ -11,13 +11,15 @@ use crate::lattice::median;
 use crate::now::Now;
 use crate::pose::{Pose, Sight};
 use crate::seen::{Seen, on_page};
-use crate::unknown::Unknown;
+use crate::unknown::{Quantity, Unknown};
 
 /// Tolerances from the data sheet beyond which a number is refused as long as features alone tell it.
 const SIGMAS_MAX: f64 = 6.0;
 
 /// The deviations of features are rough.
 const WEIGHING: Weighing = Weighing { doubt_chi2: 25.0, misfit: 1.0 };
+
+const UNTRIED: CalibrateError = CalibrateError::Undetermined("there is nothing to adjust to");
 
 /// How far the numbers of a feature may be from those of the dot's image.
 #[derive(Debug, Clone, Copy)]
@@ -33,6 +35,33 @@ struct Trust {
 const ROUGH: Trust = Trust { centre_px: 0.1, radius: [0.02, 1.0], blur: [0.1, 0.7] };
 const WHOLE: Trust = Trust { centre_px: 0.01, radius: [0.01, 0.3], blur: [0.03, 0.5] };
 const CUT: Trust = Trust { centre_px: 2.0, radius: [0.1, 2.0], blur: [0.2, 2.0] };
+
+/// How far off blurs may be of themselves, as features and an instrument that is hardly known tell them; and once it is known.
+const ROUGH_BLUR: f64 = 0.35;
+const CLOSE_BLUR: f64 = 0.15;
+
+/// What features lead to from some start.
+struct Attempt {
+    start: Now,
+    observations: Vec<Observation>,
+    adjusted: Adjusted,
+}
+
+/// Frames that are asked at most on which side of the focus they are.
+const ASKED_FRAMES: usize = 8;
+
+/// Steps of the unknowns, in their deviations, that put the focus of bands elsewhere; the first is none.
+fn focal_steps(unknowns: &[Unknown]) -> Vec<Vec<f64>> {
+    const STEP: f64 = 0.7;
+    let mut all = vec![Vec::new()];
+    for unknown in unknowns {
+        let is_focal =
+            matches!(unknown.quantity, Quantity::Instrument(Parameter::FocalLength | Parameter::BandFocalLength(_)));
+        let steps: &[f64] = if is_focal { &[0.0, -STEP, STEP] } else { &[0.0] };
+        all = all.iter().flat_map(|own| steps.iter().map(|step| [own.as_slice(), &[*step]].concat())).collect();
+    }
+    all
+}
 
 impl Calibrator<'_> {
     /// Poses and instrument as the features alone tell them, without frames that do not fit.
@@ -55,34 +84,120 @@ impl Calibrator<'_> {
                 false
             }
         });
+        if seen.is_empty() {
+            return Err(CalibrateError::no_frames(faults));
+        }
+        let start = self.start(reader, unknowns, seen, poses);
+        let mut start = self.focused(&start, unknowns, seen)?;
         loop {
+            let all: Vec<usize> = (0..seen.len()).collect();
+            let Attempt { start: before, observations, adjusted } =
+                self.attempt(start, unknowns, (seen, &all), &mut Vec::new())?;
+            self.check_data_sheet(&before, unknowns, &adjusted, SIGMAS_MAX)?;
+            let mut now = before.moved_to(unknowns, adjusted)?;
+            let mut worst = self.worst_fault(&now, (&observations, &all), ROUGH_BLUR);
+            if worst.is_none() {
+                let (closer, observations) = self.closer(&now, reader, unknowns, seen)?;
+                worst = self.worst_fault(&closer, (&observations, &all), CLOSE_BLUR);
+                now = closer;
+            }
+            let Some((place, fault)) = worst else { return Ok(now) };
+            faults.push((seen.remove(place).frame, fault));
             if seen.is_empty() {
                 return Err(CalibrateError::no_frames(faults));
             }
-            let start = self.start(reader, unknowns, seen, poses.clone());
-            let observations = self.observations(&start, seen, |_| &ROUGH);
-            let adjusted = start.solved(unknowns, &observations, WEIGHING)?;
-            self.check_roles(&start, unknowns, seen, (&observations, &adjusted))?;
-            self.check_data_sheet(&start, unknowns, &adjusted, SIGMAS_MAX)?;
-            let now = start.moved_to(unknowns, adjusted)?;
-            let Some((place, fault)) = self.worst_fault(&now, seen, &observations) else {
-                return self.closer(&now, reader, unknowns, seen);
-            };
-            faults.push((seen.remove(place).frame, fault));
-            poses.remove(place);
+            start = now.without_frame(place);
         }
     }
 
-    /// Once more, now that it is known which dots the masks cut: the centres of the others are good to hundredths of a pixel.
+    /// The instrument with its focus where some frames fit best, and the poses of all as it sees them: on which side of the
+    /// focus a dot is does not show in its blur, and by the data sheet it may be on the wrong one.
+    fn focused(&self, start: &Now, unknowns: &[Unknown], seen: &[Seen<'_>]) -> Result<Now, CalibrateError> {
+        let is_asked = |place: &usize| seen.len() <= ASKED_FRAMES || place * ASKED_FRAMES % seen.len() < ASKED_FRAMES;
+        let asked: Vec<usize> = (0..seen.len()).filter(is_asked).collect();
+        // Blur of another origin would lead the focus astray.
+        let (sound, fault) = self.without_faults(start, unknowns, seen, &asked)?;
+        let asked = if sound.is_empty() { asked } else { sound };
+        let mut tried = Vec::new();
+        let mut best = self.attempt(start.clone(), unknowns, (seen, &asked), &mut tried)?;
+        for steps in focal_steps(unknowns).iter().skip(1) {
+            let Ok(elsewhere) = start.stepped(unknowns, steps) else { continue };
+            let Ok(attempt) = self.attempt(elsewhere, unknowns, (seen, &asked), &mut tried) else { continue };
+            if attempt.adjusted.cost < best.adjusted.cost {
+                best = attempt;
+            }
+        }
+        self.check_roles(start, unknowns, seen, &best)?;
+        let is_off_sheet = self.check_data_sheet(&best.start, unknowns, &best.adjusted, SIGMAS_MAX);
+        is_off_sheet.map_err(|error| fault.map_or(error, CalibrateError::NoFrames))?;
+        let now = best.start.moved_to(unknowns, best.adjusted)?;
+        let all: Vec<usize> = (0..seen.len()).collect();
+        now.adjusted_to(&[], &self.observations(&now, (seen, &all), |_| &ROUGH))
+    }
+
+    /// Those of some frames that have no fault as they are seen from the data sheet; if none is left, the fault of the last.
+    fn without_faults(
+        &self,
+        start: &Now,
+        unknowns: &[Unknown],
+        seen: &[Seen<'_>],
+        places: &[usize],
+    ) -> Result<(Vec<usize>, Option<FrameFault>), CalibrateError> {
+        let mut places = places.to_vec();
+        let mut last = None;
+        while !places.is_empty() {
+            let Attempt { start, observations, adjusted } =
+                self.attempt(start.clone(), unknowns, (seen, &places), &mut Vec::new())?;
+            let Ok(now) = start.moved_to(unknowns, adjusted) else { return Ok((Vec::new(), None)) };
+            let Some((faulty, fault)) = self.worst_fault(&now, (&observations, &places), ROUGH_BLUR) else {
+                return Ok((places, None));
+            };
+            places.retain(|place| *place != faulty);
+            last = Some(fault);
+        }
+        Ok((places, last))
+    }
+
+    /// Adjusts to the features of some frames, each dot on that side of the focus where it is found by then; what was tried
+    /// is not tried again.
+    fn attempt(
+        &self,
+        mut now: Now,
+        unknowns: &[Unknown],
+        frames: (&[Seen<'_>], &[usize]),
+        tried: &mut Vec<Vec<bool>>,
+    ) -> Result<Attempt, CalibrateError> {
+        const ROUNDS: usize = 4;
+        let mut best: Option<Attempt> = None;
+        for _ in 0..ROUNDS {
+            let observations = self.observations(&now, frames, |_| &ROUGH);
+            let sides: Vec<bool> = observations.iter().map(|observation| observation.anchor.w < 0.0).collect();
+            if tried.contains(&sides) {
+                break;
+            }
+            tried.push(sides);
+            let adjusted = now.solved(unknowns, &observations, WEIGHING)?;
+            let next = now.moved_to(unknowns, adjusted.clone());
+            if best.as_ref().is_none_or(|best| adjusted.cost < best.adjusted.cost) {
+                best = Some(Attempt { start: now, observations, adjusted });
+            }
+            let Ok(next) = next else { break };
+            now = next;
+        }
+        best.ok_or(UNTRIED)
+    }
+
+    /// Once more, now that it is known which dots the masks cut: the centres of the others are good to hundredths of a pixel,
+    /// and radii and blurs to some percent.
     fn closer(
         &self,
         now: &Now,
         reader: &Reconstructor,
         unknowns: &[Unknown],
         seen: &[Seen<'_>],
-    ) -> Result<Now, CalibrateError> {
+    ) -> Result<(Now, Vec<Observation>), CalibrateError> {
         let observations = self.close_observations(now, reader, seen);
-        now.adjusted_to(unknowns, &observations)
+        Ok((now.adjusted_to(unknowns, &observations)?, observations))
     }
 
     /// Poses of some frames anew, by their places among those seen, as the instrument sees them by now.
@@ -104,7 +219,8 @@ impl Calibrator<'_> {
         };
         let is_cut: Vec<Vec<Vec<bool>>> = seen.iter().enumerate().map(is_cut).collect();
         let trust = |(place, band, dot): (usize, usize, usize)| if is_cut[place][dot][band] { &CUT } else { &WHOLE };
-        self.observations(now, seen, trust)
+        let all: Vec<usize> = (0..seen.len()).collect();
+        self.observations(now, (seen, &all), trust)
     }
 
     fn start(&self, reader: &Reconstructor, unknowns: &[Unknown], seen: &[Seen<'_>], poses: Vec<Pose>) -> Now {
@@ -142,18 +258,18 @@ impl Calibrator<'_> {
         (pose.translation_mm.z > 0.0).then_some(pose)
     }
 
-    /// What the features of all frames tell, each as far as it is trusted, by frame, band and dot.
+    /// What the features of some frames tell, each as far as it is trusted, by frame, band and dot.
     fn observations(
         &self,
         now: &Now,
-        seen: &[Seen<'_>],
+        (seen, places): (&[Seen<'_>], &[usize]),
         trust: impl Fn((usize, usize, usize)) -> &'static Trust,
     ) -> Vec<Observation> {
         let problem = now.problem(&[], &[], Weighing::BY_NOISE);
         let state = &now.adjusted.state;
         let mut observations = Vec::new();
-        for (place, one) in seen.iter().enumerate() {
-            let pose = &state.poses[place];
+        for &place in places {
+            let (one, pose) = (&seen[place], &state.poses[place]);
             for band in 0..one.sighting.len() {
                 for (dot, feature) in one.dots(band) {
                     let foreseen = problem.image(band, dot, &now.cameras, state, pose);
@@ -185,11 +301,15 @@ impl Calibrator<'_> {
         Vector4::new(u, v, radius_px.copysign(foreseen.z), blur_px.copysign(foreseen.w))
     }
 
-    /// The frame that fits worst, if it does not fit at all.
-    fn worst_fault(&self, now: &Now, seen: &[Seen<'_>], observations: &[Observation]) -> Option<(usize, FrameFault)> {
+    /// The frame of some that fits worst, if it does not fit at all.
+    fn worst_fault(
+        &self,
+        now: &Now,
+        (observations, places): (&[Observation], &[usize]),
+        blur_share: f64,
+    ) -> Option<(usize, FrameFault)> {
         const OFF_PX_MAX: f64 = 3.0;
         const EXTRA_PX_MAX: f64 = 2.0;
-        const EXTRA_SHARE_MAX: f64 = 0.35;
         let problem = now.problem(&[], &[], Weighing::BY_NOISE);
         let state = &now.adjusted.state;
         let fault = |place: usize| -> Option<(f64, FrameFault)> {
@@ -201,20 +321,22 @@ impl Calibrator<'_> {
             if off_px > OFF_PX_MAX {
                 return Some((off_px, FrameFault::Unlike { off_px }));
             }
-            // Motion and dirt widen edges in all bands.
+            // Motion and dirt widen edges in all bands, by squares that add up.
             let extra_px = |band: usize| {
                 let own = own().filter(|observation| observation.band == band);
-                median(own.map(|observation| {
-                    let (seen_px, foreseen_px) = (observation.anchor.w.abs(), image(observation).w.abs());
-                    let excess_px = seen_px - foreseen_px - EXTRA_SHARE_MAX * foreseen_px;
-                    if excess_px > EXTRA_PX_MAX { (seen_px.powi(2) - foreseen_px.powi(2)).sqrt() } else { 0.0 }
-                }))
+                let square_px2 = median(own.map(|observation| {
+                    let foreseen_px2 = image(observation).w.powi(2);
+                    let doubtful_px2 = EXTRA_PX_MAX.powi(2) + ((1.0 + blur_share).powi(2) - 1.0) * foreseen_px2;
+                    let extra_px2 = observation.anchor.w.powi(2) - foreseen_px2;
+                    if extra_px2 > doubtful_px2 { extra_px2 } else { 0.0 }
+                }));
+                square_px2.sqrt()
             };
-            let extra_px = (0..seen[place].sighting.len()).map(extra_px).fold(f64::INFINITY, f64::min);
+            let extra_px = (0..self.instrument.bands.len()).map(extra_px).fold(f64::INFINITY, f64::min);
             let z_mm = state.poses[place].translation_mm.z;
             (extra_px > 0.0).then_some((extra_px, FrameFault::Blurred { extra_px, z_mm }))
         };
-        let faults = (0..seen.len()).filter_map(|place| Some((place, fault(place)?)));
+        let faults = places.iter().filter_map(|place| Some((*place, fault(*place)?)));
         faults.max_by(|a, b| a.1.0.total_cmp(&b.1.0)).map(|(place, (_, fault))| (place, fault))
     }
 
@@ -224,7 +346,7 @@ impl Calibrator<'_> {
         start: &Now,
         unknowns: &[Unknown],
         seen: &[Seen<'_>],
-        (observations, adjusted): (&[Observation], &Adjusted),
+        Attempt { observations, adjusted, .. }: &Attempt,
     ) -> Result<(), CalibrateError> {
         const POOR_CHI2: f64 = 8.0;
         const BETTER: f64 = 0.2;

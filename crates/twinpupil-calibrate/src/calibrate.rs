@@ -154,7 +154,7 @@ pub type Fault = (usize, FrameFault);
 
 /// Times that frames are compared at most, and the change of the unknowns in their deviations that is none; or that of the
 /// next one, as far as it can be foreseen, once they are as near as that.
-const COMPARISONS: usize = 8;
+const COMPARISONS: usize = 12;
 const RESTING_SIGMAS: f64 = 0.1;
 const FORESEEN_SIGMAS: f64 = 0.3;
 const NEAR_SIGMAS: f64 = 1.0;
@@ -188,6 +188,7 @@ impl<'a> Calibrator<'a> {
             faults,
             observations: &fit.comparison.observations,
             fitness: &fit.comparison.fitness,
+            unrest_sigmas: fit.comparison.unrest_sigmas,
             held_out: fit.held_out,
             correction,
         })
@@ -270,7 +271,11 @@ impl<'a> Calibrator<'a> {
             let next = now.adjusted_to(unknowns, &comparison.observations)?;
             let moved = next.moved_sigmas(&now, unknowns);
             now = next;
-            if rests(moved, last_moved) || round == COMPARISONS {
+            if rests(moved, last_moved) {
+                break;
+            }
+            if round == COMPARISONS {
+                comparison.unrest_sigmas = moved;
                 break;
             }
             last_moved = moved;

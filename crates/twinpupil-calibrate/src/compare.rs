@@ -28,6 +28,8 @@ pub(crate) struct Comparison {
     pub(crate) fitness: Vec<Fitness>,
     /// By frame.
     pub(crate) lights: BTreeMap<usize, Lights>,
+    /// How far what it leads to lies beside where it was made, in deviations, if it was the last.
+    pub(crate) unrest_sigmas: f64,
 }
 
 impl Comparison {

@@ -1,6 +1,6 @@
 //! Where a calibration stands between its steps.
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use twinpupil_instrument::check::ValueError;
 use twinpupil_instrument::{Band, Instrument, LensTerms, Projection};
 
@@ -163,6 +163,23 @@ impl Now {
         Ok(next)
     }
 
+    /// With the unknowns moved by so many of their deviations.
+    pub(crate) fn stepped(&self, unknowns: &[Unknown], sigmas: &[f64]) -> Result<Self, ValueError> {
+        let mut adjusted = self.adjusted.clone();
+        for ((value, unknown), sigmas) in adjusted.state.values.iter_mut().zip(unknowns).zip(sigmas) {
+            *value += sigmas * unknown.prior_std;
+        }
+        self.moved_to(unknowns, adjusted)
+    }
+
+    /// Without one of the frames.
+    pub(crate) fn without_frame(mut self, place: usize) -> Self {
+        self.stage.remove(place);
+        self.adjusted.state.poses.remove(place);
+        self.adjusted.state.way = Way::through(&self.adjusted.state.poses, &self.stage);
+        self
+    }
+
     /// Takes the bands' projections from the optics, and what the lens adds to them.
     pub(crate) fn see_through(&mut self, projections: Vec<Projection>, lens: Vec<LensTerms>) {
         self.cameras = cameras(&self.instrument, &projections, &lens, self.diameter_scale);
@@ -170,7 +187,8 @@ impl Now {
         self.projections = projections;
     }
 
-    /// The largest change of an unknown since `before`, in its deviations; of the poses if there is none.
+    /// The change of the unknowns since `before`, in the deviations of what changed most, be it a number or many together; of
+    /// the poses, one by one, if nothing else is sought.
     pub(crate) fn moved_sigmas(&self, before: &Self, unknowns: &[Unknown]) -> f64 {
         let (after, before) = (&self.adjusted, &before.adjusted);
         if unknowns.is_empty() {
@@ -181,10 +199,12 @@ impl Now {
             });
             return sigmas.fold(0.0, f64::max);
         }
-        let values = after.state.values.iter().zip(&before.state.values);
-        let sigmas = values.zip(unknowns).enumerate().map(|(k, ((value, before), unknown))| {
-            (value - before).abs() / (unknown.prior_std * after.covariance[(k, k)].sqrt())
-        });
-        sigmas.fold(0.0, f64::max)
+        let values = after.state.values.iter().zip(&before.state.values).zip(unknowns);
+        let steps = values.map(|((value, before), unknown)| (value - before) / unknown.prior_std);
+        let step = DVector::from_iterator(unknowns.len(), steps);
+        let size = (unknowns.len(), unknowns.len());
+        let factor = after.covariance.view((0, 0), size).into_owned().cholesky();
+        // Without one some are known as good as exactly: that is not at rest.
+        factor.map_or(f64::INFINITY, |factor| step.dot(&factor.solve(&step)).max(0.0).sqrt())
     }
 }

@@ -41,6 +41,8 @@ pub struct Calibration {
     pub held_out: Option<HeldOut>,
     /// What was found of a smooth correction, if one was tried.
     pub correction: Option<CorrectionFinding>,
+    /// How far the last step still moved the numbers, in deviations; 0 if they came to rest.
+    pub unrest_sigmas: f64,
     /// What would make it better, in sentences.
     pub advice: Vec<String>,
 }
@@ -123,6 +125,8 @@ pub struct Residual {
     pub std_px: [f64; 4],
     /// χ² of the four.
     pub chi2: f64,
+    /// Whether it is so far from the others that it hardly counts.
+    pub is_doubted: bool,
     /// Where the dot is, mm.
     pub position_mm: [f64; 3],
 }
@@ -130,7 +134,8 @@ pub struct Residual {
 impl Residual {
     /// Squares of u and v in their deviations.
     fn place_chi2(&self) -> f64 {
-        [0, 1].map(|k| (self.off_px[k] / self.std_px[k].max(1e-12)).powi(2)).iter().sum()
+        let told = [0, 1].into_iter().filter(|k| self.std_px[*k] > 0.0);
+        told.map(|k| (self.off_px[k] / self.std_px[k]).powi(2)).sum()
     }
 }
 
@@ -156,6 +161,7 @@ pub(crate) struct Conclusion<'a> {
     pub(crate) faults: Vec<Fault>,
     pub(crate) observations: &'a [Observation],
     pub(crate) fitness: &'a [Fitness],
+    pub(crate) unrest_sigmas: f64,
     pub(crate) held_out: Option<HeldOut>,
     pub(crate) correction: Option<CorrectionFinding>,
 }
@@ -163,18 +169,19 @@ pub(crate) struct Conclusion<'a> {
 /// Parts of the frames that are held out one after the other, at most.
 pub(crate) const PARTS_MAX: usize = 10;
 
-/// A number is left open if the frames leave this share of its tolerance.
-const OPEN_SHARE: f64 = 0.5;
+/// A number is left open if the frames leave this share of its tolerance: of several that only together are told, each is
+/// held by those of the others, and keeps about half of its own.
+const OPEN_SHARE: f64 = 0.3;
 
 impl Calibration {
     pub(crate) fn conclude(conclusion: Conclusion<'_>) -> Result<Self, CalibrateError> {
-        let Conclusion { instrument, target, unknowns, now, seen, faults, observations, fitness, held_out, correction } =
-            conclusion;
+        let Conclusion { instrument, target, unknowns, now, seen, observations, fitness, .. } = conclusion;
         let problem = now.problem(unknowns, observations, Weighing::BY_NOISE);
-        let residuals = residuals(&problem, now, seen, observations);
+        let residuals = residuals(&problem, now, seen, (unknowns, observations));
         // Of places alone: size and blur count for less than they are known to.
-        let chi2: f64 = residuals.iter().map(Residual::place_chi2).sum();
-        let freedom = (2 * residuals.len()).saturating_sub(unknowns.len() + 6 * seen.len()).max(1);
+        let sound = || residuals.iter().filter(|residual| !residual.is_doubted);
+        let chi2: f64 = sound().map(Residual::place_chi2).sum();
+        let freedom = (2 * sound().count()).saturating_sub(unknowns.len() + 6 * seen.len()).max(1);
         let reduced_chi2 = chi2 / freedom as f64;
         // Beyond what they are weighed by already.
         let excess = (reduced_chi2 / now.adjusted.misfit).max(1.0);
@@ -194,13 +201,14 @@ impl Calibration {
             numbers,
             covariance,
             frames,
-            faults,
-            rms_px: rms_px(residuals.iter()),
+            faults: conclusion.faults,
+            rms_px: rms_px(&residuals, |_| true),
             residuals,
             offsets_mm: now.dots.place_std_mm.map(|_| now.adjusted.state.offsets_mm.clone()),
             reduced_chi2,
-            held_out,
-            correction,
+            held_out: conclusion.held_out,
+            correction: conclusion.correction,
+            unrest_sigmas: conclusion.unrest_sigmas,
             advice: Vec::new(),
         };
         calibration.advice = advice(&calibration, target);
@@ -237,35 +245,49 @@ impl Calibration {
         self.numbers.iter().enumerate().filter(|(_, number)| !number.quantity.is_coefficient())
     }
 
+    /// Spots that hardly count, so far are they from where they should be beside the others.
+    pub fn doubted(&self) -> impl Iterator<Item = &Residual> {
+        self.residuals.iter().filter(|residual| residual.is_doubted)
+    }
+
     /// A number by its key.
     pub fn number(&self, key: &str) -> Option<&Number> {
         self.numbers.iter().find(|number| number.key == key)
     }
 }
 
-fn residuals(problem: &Problem<'_>, now: &Now, seen: &[Seen<'_>], observations: &[Observation]) -> Vec<Residual> {
+fn residuals(
+    problem: &Problem<'_>,
+    now: &Now,
+    seen: &[Seen<'_>],
+    (unknowns, observations): (&[Unknown], &[Observation]),
+) -> Vec<Residual> {
     let state = &now.adjusted.state;
+    let doubt_chi2 = now.weighing(unknowns, observations, state).doubt_chi2;
     let residual = |observation: &Observation| {
         let Observation { frame, band, dot, .. } = *observation;
         let image = problem.image(band, dot, &now.cameras, state, &state.poses[frame]);
         let off = observation.change - (image - observation.anchor);
-        let covariance = observation.information.pseudo_inverse(1e-12).ok()?;
-        Some(Residual {
+        let chi2 = observation.chi2(&image);
+        Residual {
             frame: seen[frame].frame,
             band,
             dot,
             foreseen_px: image.into(),
             off_px: off.into(),
-            std_px: [0, 1, 2, 3].map(|k| covariance[(k, k)].max(0.0).sqrt()),
-            chi2: observation.chi2(&image),
+            std_px: observation.variances_px2().map(f64::sqrt).into(),
+            chi2,
+            is_doubted: chi2 > doubt_chi2,
             position_mm: state.dot_mm(&now.dots, frame, dot).into(),
-        })
+        }
     };
-    observations.iter().filter_map(residual).collect()
+    observations.iter().map(residual).collect()
 }
 
-fn rms_px<'a>(residuals: impl Iterator<Item = &'a Residual>) -> f64 {
-    let squares: Vec<f64> = residuals.map(|Residual { off_px: [u, v, ..], .. }| u * u + v * v).collect();
+/// Root mean square of how far spots lie beside where they should, of those that are sought and not doubted.
+fn rms_px(residuals: &[Residual], is_sought: impl Fn(&Residual) -> bool) -> f64 {
+    let sound = residuals.iter().filter(|residual| !residual.is_doubted && is_sought(residual));
+    let squares: Vec<f64> = sound.map(|Residual { off_px: [u, v, ..], .. }| u * u + v * v).collect();
     (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt()
 }
 
@@ -322,7 +344,7 @@ fn frame_result(
         pose: now.adjusted.state.poses[place],
         pose_std: std::array::from_fn(|k| (covariance[(k, k)] * excess).max(0.0).sqrt()),
         spots: own().count(),
-        rms_px: rms_px(own()),
+        rms_px: rms_px(residuals, |residual| residual.frame == frame),
         pixel_chi2: chi2 / used_px.max(1) as f64,
         off_stage: None,
     }

@@ -121,6 +121,23 @@ impl Page {
         -self.tilt.per_pupil * growth_mm / (1.0 + self.tilt.approach * growth_mm)
     }
 
+    /// Change of [`Self::drift`] with x and y of the image point, 1/mm.
+    ///
+    /// ```text
+    /// −A/(1 + B δ)² ∇δ/c
+    /// ```
+    pub fn drift_slope_per_mm(&self, image: ImagePoint) -> [f64; 2] {
+        let ideal = [image.x_mm, image.y_mm];
+        let plane = self.distorted(ideal);
+        let slope = -self.tilt.per_pupil / (1.0 + self.tilt.approach * self.tilt.growth_mm(plane)).powi(2);
+        let [x, y] = self.tilt.growth_slope(plane).map(|growth| slope * growth);
+        if !self.is_distorted {
+            return [x, y];
+        }
+        let [[a, b], [c, d]] = self.warp.jacobian(self.within_reach(ideal));
+        [x * a + y * c, x * b + y * d]
+    }
+
     /// How far the middle of an area's image lies beside the image of its middle, px, since the map bends: for an area
     /// of even light or its outline alike.
     ///
@@ -317,9 +334,25 @@ impl Tilt {
     /// How much farther the sensor is than L where a chief ray meets it that crosses the plane at L in a point.
     #[inline]
     fn growth_mm(&self, plane: [f64; 2]) -> f64 {
+        self.rise_mm(plane) / self.share(plane)
+    }
+
+    /// Change of that with the point.
+    fn growth_slope(&self, plane: [f64; 2]) -> [f64; 2] {
+        let (rise_mm, share) = (self.rise_mm(plane), self.share(plane));
+        self.slope.map(|slope| slope * (share + rise_mm * self.approach) / (share * share))
+    }
+
+    /// τ·p₀, and 1 − τ·e with the slope e of the chief ray.
+    #[inline]
+    fn rise_mm(&self, [x, y]: [f64; 2]) -> f64 {
+        self.slope[0] * x + self.slope[1] * y
+    }
+
+    #[inline]
+    fn share(&self, plane: [f64; 2]) -> f64 {
         let along = |k: usize| self.sideways[k] + self.approach * plane[k];
-        let rise = self.slope[0] * plane[0] + self.slope[1] * plane[1];
-        rise / (1.0 - self.slope[0] * along(0) - self.slope[1] * along(1))
+        1.0 - self.slope[0] * along(0) - self.slope[1] * along(1)
     }
 }
 
@@ -437,6 +470,9 @@ mod tests {
                     let [before, after] = [at(-dx, -dy), at(dx, dy)].map(|at| page.px_per_mm(at));
                     let ratio = determinant(after) / determinant(before);
                     prop_assert!((ratio.ln() / (2.0 * STEP_MM) - growth[j]).abs() < 1e-7);
+                    let [before, after] = [at(-dx, -dy), at(dx, dy)].map(|at| page.drift(at));
+                    let drift_slope = page.drift_slope_per_mm(at(0.0, 0.0))[j];
+                    prop_assert!(((after - before) / (2.0 * STEP_MM) - drift_slope).abs() < 1e-9);
                     for k in 0..2 {
                         prop_assert!((moved[k] / (2.0 * STEP_MM) - slope[k][j]).abs() < 1e-5);
                         for i in 0..2 {

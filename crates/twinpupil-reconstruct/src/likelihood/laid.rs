@@ -13,22 +13,26 @@ use crate::likelihood::spot::{Matrix2, Spot, SpotJacobian, inverse, product, tim
 pub(crate) struct Bend {
     /// Of u and of v: along u twice, along both, along v twice.
     terms: [[f32; 3]; 2],
+    /// Growth of the blur along u and v, px per px: pixels of a tilted sensor stand nearer and farther.
+    blur_slope: [f32; 2],
 }
 
 impl Bend {
-    /// ½ ∂ⱼ∂ₖF, seen from the page through the inverse of the slope J.
-    fn of(page: &Page, image: ImagePoint, slope: Matrix2) -> Option<Self> {
+    /// ½ ∂ⱼ∂ₖF, seen from the page through the inverse of the slope J; and the growth of a blur of `pupil_px` times the drift.
+    fn of(page: &Page, image: ImagePoint, slope: Matrix2, pupil_px: f64) -> Option<Self> {
         if page.is_affine() {
             return None;
         }
         let [[a, b], [c, d]] = slope;
         let per_area = 1.0 / (a * d - b * c);
         let (along_u, along_v) = ([d * per_area, -c * per_area], [-b * per_area, a * per_area]);
+        let [grown_x, grown_y] = page.drift_slope_per_mm(image).map(|per_mm| per_mm * pupil_px);
+        let blur_slope = [along_u, along_v].map(|[x, y]| (grown_x * x + grown_y * y) as f32);
         let terms = page.second_derivatives(image).map(|[xx, xy, yy]| {
             let form = |[p, q]: Vector2, [r, s]: Vector2| xx * p * r + xy * (p * s + q * r) + yy * q * s;
             [0.5 * form(along_u, along_u), form(along_u, along_v), 0.5 * form(along_v, along_v)].map(|term| term as f32)
         });
-        Some(Self { terms })
+        Some(Self { terms, blur_slope })
     }
 
     /// Places as far from the centre as they would be if the page went on as it is there.
@@ -40,6 +44,28 @@ impl Bend {
             straight.push(du - au * uu - bu * uv - cu * vv, dv - av * uu - bv * uv - cv * vv);
         }
         (straight.edge, straight.lit) = (places.edge, places.lit);
+    }
+
+    /// Moves places to where the light would be as strong if the blur were everywhere as it is at the centre: the light t
+    /// before or behind an edge is that at `t w/w′`, w and w′ the widths that blur and pixel together have there and here.
+    fn even_out(&self, spot: &Spot, places: &mut Places) {
+        const NEAREST: f32 = 1e-3;
+        let [grown_u, grown_v] = self.blur_slope;
+        if [grown_u, grown_v] == [0.0; 2] {
+            return;
+        }
+        let [[xx, xy], [yx, yy]] = spot.inverse.map(|row| row.map(|value| (value / spot.radius_px) as f32));
+        let blur_px = spot.blur_px as f32;
+        // Variances of a disc and of a pixel, times twelve.
+        let width2 = |blur_px: f32| 3.0 * blur_px * blur_px + 1.0;
+        let even2 = width2(blur_px);
+        let edge = places.edge;
+        for (du, dv) in places.du[..edge].iter_mut().zip(&mut places.dv[..edge]) {
+            let narrower = (even2 / width2(blur_px + grown_u * *du + grown_v * *dv)).sqrt();
+            let radii = (xx * *du + xy * *dv).hypot(yx * *du + yy * *dv);
+            let moved = narrower + (1.0 - narrower) / radii.max(NEAREST);
+            (*du, *dv) = (moved * *du, moved * *dv);
+        }
     }
 }
 
@@ -64,7 +90,7 @@ impl Spot {
         let drift_mm = page.drift(image) * pencil.projection.pupil_radius_mm;
         let centre = page.to_page(image);
         self.centre_px = [centre.u, centre.v];
-        self.bend = Bend::of(page, image, slope);
+        self.bend = Bend::of(page, image, slope, pencil.projection.pupil_radius_mm * px_per_mm);
         self.radius_px *= scale;
         self.blur_px = (self.blur_px + drift_mm / pitch_mm) * scale;
         self.blur_growth_px *= scale;
@@ -99,7 +125,10 @@ impl Spot {
     /// Places about the spot as the kernels want them: on a page that does not bend, seen by an even blur.
     pub(crate) fn straightened<'p>(&self, places: &'p Places, straight: &'p mut Places) -> &'p Places {
         match &self.bend {
-            Some(bend) => bend.straighten(places, straight),
+            Some(bend) => {
+                bend.straighten(places, straight);
+                bend.even_out(self, straight);
+            }
             None if self.smear.is_none() => return places,
             None => straight.clone_from(places),
         }

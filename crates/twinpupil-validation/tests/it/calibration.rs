@@ -7,7 +7,7 @@ use twinpupil_calibrate::{
     TargetSpec,
 };
 use twinpupil_instrument::{Frame, Instrument, Mosaic, Parameter};
-use twinpupil_simulate::{Illumination, Scene};
+use twinpupil_simulate::{Dot, DotSpec, Illumination, Scene, SceneSpec, TiltAxis};
 use twinpupil_validation::calibration::{
     DepthError, Exposures, POSES, TargetPose, axis, calibrate, calibrate_on_stage, calibrated, coarse, data_sheet,
     off_data_sheet, target, target_scene, warped,
@@ -160,8 +160,10 @@ fn a_stage_tells_the_scale_of_depth() {
 
 #[test]
 fn what_frames_cannot_tell_is_named() {
-    let facing = &frames()[..1];
-    let calibration = calibrate(&data_sheet(Mosaic::Rgb), &target(), facing, &Choices::default()).expect("something");
+    let sheet = coarse(&data_sheet(Mosaic::Rgb));
+    let truth = coarse(&off_data_sheet(&data_sheet(Mosaic::Rgb), false));
+    let facing = Exposures::of_target(truth, &target(), &POSES[..1], PUPIL_SAMPLES).frames(1);
+    let calibration = calibrate(&sheet, &target(), &facing, &Choices::default()).expect("something");
     let why = |key: &str| calibration.number(key).expect("it is sought").left_open.clone();
     assert!(matches!(why("sensor.distance_mm"), Some(LeftOpen::Tied { .. })), "{:?}", calibration.numbers);
     assert!(calibration.advice.iter().any(|advice| advice.contains("sensor.distance_mm is not determined")));
@@ -204,6 +206,67 @@ fn a_blurred_frame_is_left_out() {
     let calibration = calibrate(&data_sheet(Mosaic::Rgb), &target(), &all, &Choices::default()).expect("six frames");
     assert!(matches!(calibration.faults[..], [(3, FrameFault::Blurred { .. })]), "{:?}", calibration.faults);
     assert_eq!(calibration.frames.len(), 6);
+}
+
+#[test]
+fn frames_near_the_focus_are_seen_from_the_right_side_of_it() {
+    const RAYS: usize = 512;
+    let sheet = coarse(&data_sheet(Mosaic::Rgb));
+    let truth = coarse(&off_data_sheet(&data_sheet(Mosaic::Rgb), false));
+    // By the data sheet the focus is 8 mm nearer for one band and 15 mm farther for the other.
+    let poses = [
+        (290.0, 20.0, TiltAxis::X),
+        (297.0, -25.0, TiltAxis::Y),
+        (300.0, 30.0, TiltAxis::Y),
+        (308.0, -20.0, TiltAxis::X),
+    ];
+    let poses =
+        poses.map(|(distance_mm, tilt_deg, tilt_axis)| TargetPose { distance_mm, tilt_deg, tilt_axis, turn_deg: 3.0 });
+    let mut frames = Exposures::of_target(truth.clone(), &target(), &poses, RAYS).frames(1);
+    for some in [&frames[2..3], &frames[..]] {
+        let calibration = calibrate(&sheet, &target(), some, &Choices::default()).expect("a sound calibration");
+        assert!(calibration.faults.is_empty() && calibration.unrest_sigmas == 0.0, "{:?}", calibration.faults);
+        assert!(calibration.reduced_chi2 < 2.0, "{}", calibration.reduced_chi2);
+        for (_, number) in calibration.named() {
+            let Quantity::Instrument(parameter) = number.quantity else { continue };
+            let expected = parameter.value(&truth);
+            let is_radius = matches!(parameter, Parameter::ZoneRadius(..));
+            let std = number.std.hypot(if is_radius { RADIUS_ERROR_OF_RAYS * expected } else { 0.0 });
+            let off = number.value - expected;
+            assert!(off.abs() < 5.0 * std, "{} off by {off} ± {std}", number.key);
+        }
+    }
+    frames[1] = blurred(&frames[1], 5);
+    let calibration = calibrate(&sheet, &target(), &frames, &Choices::default()).expect("three frames");
+    assert!(matches!(calibration.faults[..], [(1, FrameFault::Blurred { .. })]), "{:?}", calibration.faults);
+}
+
+#[test]
+fn a_dot_that_is_not_where_the_target_file_says_is_named_and_hardly_counts() {
+    const RAYS: usize = 512;
+    const OFF_MM: f64 = 0.03;
+    let sheet = coarse(&data_sheet(Mosaic::Rgb));
+    let truth = coarse(&off_data_sheet(&data_sheet(Mosaic::Rgb), false));
+    let wrong = target().dot_at(1, 6).expect("a dot");
+    let scene = |distance_mm: f64| {
+        let facing = TargetPose { distance_mm, tilt_deg: 0.0, tilt_axis: TiltAxis::Y, turn_deg: 2.0 };
+        let grid = target_scene(&target(), &facing);
+        let dot = |dot: &Dot| {
+            let [x_mm, y_mm, z_mm] = dot.centre_mm;
+            DotSpec { x_mm, y_mm, z_mm, diameter_mm: dot.diameter_mm }
+        };
+        let mut dots: Vec<DotSpec> = grid.dots().iter().map(dot).collect();
+        dots[wrong].x_mm += OFF_MM;
+        Scene::new(SceneSpec { plate: None, dots, ..grid.spec().clone() }).expect("a legal scene")
+    };
+    let scenes = [262.0, 284.0, 312.0, 338.0].map(scene).to_vec();
+    let frames = Exposures::new(truth, scenes, RAYS).frames(1);
+    let calibration = calibrate(&sheet, &target(), &frames, &Choices::default()).expect("a sound calibration");
+    let is_named = |advice: &String| advice.contains("(row 1, column 6, counted from 0)");
+    assert!(calibration.advice.iter().any(is_named), "{:?}", calibration.advice);
+    let (own, others): (Vec<_>, Vec<_>) = calibration.doubted().partition(|residual| residual.dot == wrong);
+    assert!(own.len() >= 6 && others.len() <= 5, "{} {}", own.len(), others.len());
+    assert!(calibration.rms_px < 0.01 && calibration.reduced_chi2 < 2.0, "{}", calibration.rms_px);
 }
 
 /// A frame moved along its rows while it was exposed.

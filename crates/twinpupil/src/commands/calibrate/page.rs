@@ -76,9 +76,13 @@ fn headlines(Findings { calibration, frames, .. }: &Findings<'_>) -> Vec<Headlin
         Headline::new(format!("{out} µm"), label)
     }));
     let spots = calibration.residuals.len();
+    let doubted = match calibration.doubted().count() {
+        0 => String::new(),
+        some => format!(", of which {some} lie so far from where they should that they hardly count"),
+    };
     headlines.push(Headline::new(
         format!("{} of {}", calibration.frames.len(), frames.len()),
-        format!("frames used, with {spots} spots in {} bands", calibration.instrument.bands.len()),
+        format!("frames used, with {spots} spots in {} bands{doubted}", calibration.instrument.bands.len()),
     ));
     headlines
 }
@@ -302,6 +306,7 @@ pub(super) mod tests {
             off_px: [0.001, -0.002, 0.0, 0.0],
             std_px: [0.002; 4],
             chi2: 4.0,
+            is_doubted: false,
             position_mm: [k as f64 - 8.0, 2.0, 280.0],
         };
         Calibration {
@@ -320,6 +325,7 @@ pub(super) mod tests {
                 degree: None,
                 held_out: None,
             }),
+            unrest_sigmas: 0.0,
             advice: vec!["no pose is tilted".to_owned(), "sensor.tilt_deg[0] is not determined".to_owned()],
             instrument,
         }

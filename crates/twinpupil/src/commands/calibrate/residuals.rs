@@ -14,11 +14,12 @@ pub(super) struct Spot {
     pub(super) off_px: [f64; 2],
 }
 
-/// All spots of a calibration.
+/// All spots of a calibration but those that are doubted.
 pub(super) fn spots(calibration: &Calibration) -> Vec<Spot> {
     let instrument = &calibration.instrument;
     let axes: Vec<[f64; 2]> = (0..instrument.bands.len()).map(|band| axis_px(instrument, band)).collect();
-    calibration.residuals.iter().map(|residual| spot(residual, axes[residual.band])).collect()
+    let sound = calibration.residuals.iter().filter(|residual| !residual.is_doubted);
+    sound.map(|residual| spot(residual, axes[residual.band])).collect()
 }
 
 fn spot(residual: &Residual, axis_px: [f64; 2]) -> Spot {
@@ -113,6 +114,7 @@ mod tests {
             off_px,
             std_px: [1.0; 4],
             chi2: 0.0,
+            is_doubted: false,
             position_mm: [0.0, -3.0, 280.0],
         };
         // Above the axis, outwards is up and growing azimuth is to the right.

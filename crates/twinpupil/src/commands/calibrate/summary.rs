@@ -18,6 +18,8 @@ pub(super) struct Summary {
     /// Frames that were left out, each with its reason.
     left_out: Vec<String>,
     spots: usize,
+    /// Spots so far from where they should be that they hardly count; in neither of the next two.
+    doubted_spots: usize,
     rms_px: f64,
     reduced_chi2: f64,
     /// Root mean square depth error of dots in frames that took no part, and of those that did, about the target's plane.
@@ -133,6 +135,7 @@ impl Summary {
             frames: calibration.frames.iter().map(frame).collect(),
             left_out: faults(&calibration.faults, files),
             spots: calibration.residuals.len(),
+            doubted_spots: calibration.doubted().count(),
             rms_px: calibration.rms_px,
             reduced_chi2: calibration.reduced_chi2,
             held_out_z_rms_mm: calibration.held_out.map(|held_out| held_out.z_rms_mm),
@@ -146,8 +149,12 @@ impl Summary {
     /// For a human.
     pub(super) fn lines(&self) -> Vec<String> {
         let mut lines = self.left_out.clone();
+        let doubted = match self.doubted_spots {
+            0 => String::new(),
+            some => format!(" ({some} hardly count)"),
+        };
         lines.push(format!(
-            "{} frames, {} spots: {:.4} px rms, χ² {:.2} for each degree of freedom",
+            "{} frames, {} spots{doubted}: {:.4} px rms, χ² {:.2} for each degree of freedom",
             self.frames.len(),
             self.spots,
             self.rms_px,
