@@ -17,6 +17,7 @@
 mod aim;
 mod camera;
 mod conic;
+mod envelope;
 mod fresnel;
 mod grooves;
 mod image;
