@@ -47,7 +47,7 @@ mod train;
 mod zmx;
 
 pub use camera::{BandOptics, Camera, OpticsError};
-pub use image::{BandImager, Contrast, Deviation, Encircled, Foci, Imager, Psf, PupilFunction, Sight};
+pub use image::{BandImager, Contrast, Deviation, Encircled, EncircledWaves, Foci, Imager, Psf, PupilFunction, Sight};
 pub use ledger::{RayFate, RayLedger};
 pub use pencil::Pencil;
 pub use point_image::PointImage;

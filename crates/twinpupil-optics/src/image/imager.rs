@@ -80,7 +80,7 @@ impl Imager {
         image(&self.to_pupil, ray)
     }
 
-    fn through_all(&self, ray: &Ray) -> Option<Ray> {
+    pub(super) fn through_all(&self, ray: &Ray) -> Option<Ray> {
         image(&self.clear, ray)
     }
 }

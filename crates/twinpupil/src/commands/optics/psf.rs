@@ -6,7 +6,7 @@ use anyhow::{Result, bail};
 use clap::Args as ClapArgs;
 use rayon::prelude::*;
 use serde::Serialize;
-use twinpupil_optics::{Encircled, Psf};
+use twinpupil_optics::{Encircled, EncircledWaves, Psf};
 
 use super::answer::{Answer, Form};
 use super::asked::{About, Asked, AskedArgs, Pupil, View};
@@ -81,7 +81,7 @@ struct Seen<'a> {
 
 struct Light {
     pupil: Pupil,
-    waves: Option<(Psf, Encircled)>,
+    waves: Option<(Psf, EncircledWaves)>,
     rays: Encircled,
 }
 
