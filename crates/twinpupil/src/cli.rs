@@ -104,7 +104,7 @@ fn run(cli: &Cli) -> Result<()> {
         Command::Calibrate(args) => calibrate::run(args, &console),
         Command::Analyze(command) => analyze::run(command, &console),
         Command::Design(args) => design::run(args, &console),
-        Command::Optics(command) => optics::run(command),
+        Command::Optics(command) => optics::run(command, &console),
         Command::Crosstalk(args) => crosstalk::run(args, &console),
         Command::Reproduce(args) => reproduce::run(args, &console),
         Command::Demo(args) => demo::run(args, &console),

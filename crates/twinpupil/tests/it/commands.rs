@@ -200,6 +200,46 @@ fn a_lens_is_shown_and_drawn() {
     workplace.write("bad.zmx", "SURF 0\nSURF 1\nTYPE BINARY_2\nSURF 2\n");
     let error = workplace.fail("optics show bad.zmx");
     assert!(error.contains("bad.zmx: line 3: surface type BINARY_2 is unknown"), "{error}");
+    let double_gauss = include_str!("../../../../docs/lenses/double-gauss.zmx");
+    workplace.write("glass.zmx", double_gauss.replace("GLAS N-SK2 ", "GLAS N-XX2 "));
+    for command in ["optics show glass.zmx", "design glass.zmx --distance-mm 300 -o camera"] {
+        let error = workplace.fail(command);
+        assert!(error.starts_with("glass.zmx: line 34: `surface[2].medium` is N-XX2; legal: one of "), "{error}");
+    }
+    let error = workplace.fail("design lens.toml --distance-mm 30 --near-mm 20 --far-mm 40 -o camera");
+    assert!(error.starts_with("lens.toml: objects must be farther from the lens"), "{error}");
+    workplace.write("zoom.zmx", double_gauss.replace("MODE SEQ", "MNUM 2 1"));
+    let output = workplace.run("optics show zoom.zmx");
+    let warning = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success() && warning.starts_with("zoom.zmx: line 3: MNUM is 2:"), "{warning}");
+    // An F-number of 2 wherever the object is: f/2 of light from infinity.
+    workplace.write("f.zmx", double_gauss.replace("ENPD 50", "FNUM 2 1"));
+    assert!(workplace.succeed("optics show f.zmx").contains("f/2.0000"));
+}
+
+#[test]
+fn numbers_that_mean_nothing_are_wrong_usage() {
+    let workplace = Workplace::new();
+    for (command, option, value, legal) in [
+        ("optics show x.zmx --pupil-mm 0", "--pupil-mm", "0", "above 0, up to 1e6"),
+        ("optics psf x.zmx --pupil-mm nan", "--pupil-mm", "nan", "above 0, up to 1e6"),
+        ("optics spot x.zmx --pupil-mm 1e9", "--pupil-mm", "1e9", "above 0, up to 1e6"),
+        ("optics spot x.zmx --pupil-mm -2", "--pupil-mm", "-2", "above 0, up to 1e6"),
+        ("optics show x.zmx --field-deg 90", "--field-deg", "90", "0 or more, below 90"),
+        ("optics fan x.zmx --field-deg inf", "--field-deg", "inf", "0 or more, below 90"),
+        ("optics show x.zmx --wavelength-nm nan", "--wavelength-nm", "nan", "1 to 1e6"),
+        ("optics distortion x.toml --z-mm 0", "--z-mm", "0", "above 0, up to 1e7"),
+        ("optics mtf x.toml --to-per-mm nan", "--to-per-mm", "nan", "above 0, up to 1e6"),
+        ("design x.zmx --distance-mm nan", "--distance-mm", "nan", "above 0, up to 1e7"),
+        ("design x.zmx --distance-mm 300 --clearance-mm -1", "--clearance-mm", "-1", "0 to 1e6"),
+        ("design x.zmx --distance-mm 300 --brightness-e inf", "--brightness-e", "inf", "above 0, up to 1e9"),
+    ] {
+        let output = workplace.run(command);
+        let error = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(2), "{command}: {error}");
+        assert!(error.contains(&format!("invalid value '{value}' for '{option}")), "{command}: {error}");
+        assert!(error.contains(&format!("legal: {legal}")), "{command}: {error}");
+    }
 }
 
 #[test]

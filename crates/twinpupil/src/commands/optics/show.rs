@@ -11,6 +11,7 @@ use twinpupil_optics::{ChromaticSums, FirstOrder, SeidelSums};
 use super::layout;
 use super::used::{LensArgs, Used};
 use crate::commands::destination::{Destination, pretty};
+use crate::console::Console;
 use crate::io::output;
 use crate::text_table::render;
 
@@ -80,8 +81,8 @@ struct Aberrations {
 }
 
 /// Runs `twinpupil optics show`.
-pub(super) fn run(args: &Args) -> Result<()> {
-    let used = Used::load(&args.lens)?;
+pub(super) fn run(args: &Args, console: &Console) -> Result<()> {
+    let used = Used::load(&args.lens, console)?;
     let shown = Shown::of(&used);
     if let Some(path) = &args.svg {
         output::write(Some(path), layout::svg(&used)?.into_bytes())?;

@@ -7,6 +7,7 @@ use serde::Serialize;
 use super::asked::{About, Asked, AskedArgs, View};
 use super::rows::cell;
 use crate::commands::destination::{Destination, pretty};
+use crate::console::Console;
 use crate::text_table::render;
 
 /// `twinpupil optics spot …`.
@@ -50,8 +51,8 @@ struct Spot {
 }
 
 /// Runs `twinpupil optics spot`.
-pub(super) fn run(args: &Args) -> Result<()> {
-    let asked = Asked::load(&args.asked, &FIELDS)?;
+pub(super) fn run(args: &Args, console: &Console) -> Result<()> {
+    let asked = Asked::load(&args.asked, &FIELDS, console)?;
     let places = places(args.rays);
     let spots: Vec<Spot> = asked.views().iter().map(|view| Spot::of(view, &places)).collect();
     args.to.write(if args.json { pretty(&spots)? } else { to_text(&asked, &spots) })
