@@ -9,6 +9,7 @@ mod mtf;
 mod psf;
 mod rows;
 mod show;
+mod show_camera;
 mod spot;
 mod used;
 
