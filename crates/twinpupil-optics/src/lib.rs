@@ -53,7 +53,7 @@ pub use pencil::Pencil;
 pub use point_image::PointImage;
 pub use ray_map::RayMap;
 pub use rays::{Footprint, ObjectRays, RayStarts};
-pub use response::{response_grids, response_table, response_table_for};
+pub use response::{response_grids, response_table, response_table_for, smoothed_response_table_for};
 pub use site::{Room, entocentric_place, rooms, telecentric_place};
 pub use train::{
     ChromaticSums, Fate, FateLedger, Field, FirstOrder, Mask, Pupil, Ray, Rays, SeidelSums, SurfaceLosses, Train,

@@ -5,7 +5,7 @@ use std::fmt::Write;
 use anyhow::Result;
 use serde::Serialize;
 use twinpupil_instrument::{Band, Instrument, Lens, Projection, ResponseMatrix, ResponseTable};
-use twinpupil_optics::response_table_for;
+use twinpupil_optics::smoothed_response_table_for;
 
 use crate::load::LoadedInstrument;
 use crate::text_table;
@@ -74,7 +74,7 @@ impl Figures {
     pub fn of(loaded: &LoadedInstrument) -> Result<Self> {
         let instrument = &loaded.instrument;
         let sensor = &instrument.sensor;
-        let table = response_table_for(instrument)?;
+        let table = smoothed_response_table_for(instrument)?;
         Ok(Self {
             name: instrument.name.clone(),
             lens: lens(instrument),
@@ -301,6 +301,32 @@ mod tests {
         assert!((at_300.blind_radius_mm.unwrap_or(0.0) - 0.5).abs() < 0.15, "{at_300:?}");
         assert_eq!(figures.response.len(), 3);
         assert_eq!(figures.response[0].bands, [1.0, 0.0]);
+    }
+
+    #[test]
+    fn grooves_do_not_make_masks_clip_farther_out() {
+        // Of both kinds; through an ideal lens masks clip as far out, but for what the lens's own light falls off.
+        let ideal = paper();
+        for grooves in ["object", "image"] {
+            let lens = format!("model = \"fresnel\"\nfocal_length_mm = 100.0\ngrooves = \"{grooves}\"");
+            let text = twinpupil_instrument::paper::INSTRUMENT_TOML.replace("model = \"thin\"", &lens);
+            let text = text.replacen("focal_length_mm = 100.0 \n", "", 1);
+            let kept: Vec<&str> = text.lines().collect();
+            let first = kept.iter().position(|line| line.starts_with("focal_length_mm")).expect("a focal length");
+            let second = first
+                + 1
+                + kept[first + 1..].iter().position(|line| line.starts_with("focal_length_mm")).expect("another");
+            let text: Vec<&str> =
+                kept.iter().enumerate().filter(|(n, _)| *n != second).map(|(_, line)| *line).collect();
+            let folder = tempfile::tempdir().expect("a folder");
+            let path = folder.path().join("camera.toml");
+            std::fs::write(&path, text.join("\n")).expect("a file");
+            let figures = Figures::of(&LoadedInstrument::load(&path).expect("legal")).expect("figures");
+            for (own, ideal) in figures.depth.iter().zip(&ideal.depth) {
+                let [own_mm, ideal_mm] = [own, ideal].map(|row| row.clipping_radius_mm.unwrap_or(f64::INFINITY));
+                assert!((own_mm - ideal_mm).abs() < 0.35, "{grooves} {}: {own_mm} {ideal_mm}", own.z_mm);
+            }
+        }
     }
 
     #[test]
