@@ -197,7 +197,9 @@ fn a_lens_is_shown_and_drawn() {
     // A file is what its name says.
     workplace.succeed(&format!("optics spot lens.toml {used} --rays 100 -o spot.csv"));
     let csv = workplace.read("spot.csv");
-    assert!(csv.starts_with("field_deg,wavelength_nm,chief_mm,distortion,centre_mm,rms_mm,largest_mm,arrived,launched\n"));
+    assert!(
+        csv.starts_with("field_deg,wavelength_nm,chief_mm,distortion,centre_mm,rms_mm,largest_mm,arrived,launched\n")
+    );
     assert_eq!((csv.lines().count(), csv.matches(",100,100\n").count()), (1 + 5 * 3, 15), "{csv}");
     workplace.succeed(&format!("optics spot lens.toml {used} --rays 100 -o same.svg"));
     let svg = workplace.read("spot.svg");
@@ -246,7 +248,10 @@ fn surfaces_without_sums_of_third_order_are_told() {
     workplace.write("lens.toml", lens);
     let text = workplace.succeed("optics show lens.toml --pupil-mm 10 --field-deg 5");
     let row = |start: &str| text.lines().find(|line| line.trim_start().starts_with(start)).unwrap_or_default();
-    assert_eq!((row("0 ").matches('–').count(), row("1 ").matches('–').count(), row("sum").matches('–').count()), (5, 0, 5));
+    assert_eq!(
+        (row("0 ").matches('–').count(), row("1 ").matches('–').count(), row("sum").matches('–').count()),
+        (5, 0, 5)
+    );
     assert!(text.contains("surface 0: facets of a Fresnel lens") && text.contains("surface 1: a cylinder"), "{text}");
     let json: serde_json::Value =
         serde_json::from_str(&workplace.succeed("optics show lens.toml --pupil-mm 10 --json")).unwrap();
