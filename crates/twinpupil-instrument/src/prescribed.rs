@@ -81,7 +81,11 @@ impl PrescriptionLens {
         let own_mm = ThickLens::new(&lens, self.design_wavelength_nm)
             .map_err(|error| of_glass(error, "lens.design_wavelength_nm"))?
             .focal_length_mm();
-        within("lens.prescription, by its own focal length,", own_mm, 0.1, 1e5)?;
+        let key = "lens.prescription, by its own focal length,";
+        if !own_mm.is_finite() {
+            return Err(ValueError::new(key, "a lens that bends no light", "0.1 to 100000"));
+        }
+        within(key, own_mm, 0.1, 1e5)?;
         within("lens.focal_length_mm", *self.focal_length_mm.get_or_insert(own_mm), 0.1, 1e5)
     }
 
@@ -205,6 +209,8 @@ fn within_lens(index: usize, position_mm: f64, lens: &ThickLens) -> ValueError {
 
 /// What light of a camera can go straight through.
 fn check_camera_lens(lens: &Prescription) -> Result<(), ValueError> {
+    let is_air = |medium: &str| medium.eq_ignore_ascii_case("air");
+    let mut before = "air";
     for (i, surface) in lens.surfaces.iter().enumerate() {
         let key = format!("lens.prescription.surface[{i}]");
         if surface.mirror {
@@ -213,6 +219,11 @@ fn check_camera_lens(lens: &Prescription) -> Result<(), ValueError> {
         if matches!(surface.shape, Shape::Break | Shape::Cylinder { .. }) {
             return Err(ValueError::new(key, "a break or a cylinder", "surfaces of revolution"));
         }
+        if matches!(surface.shape, Shape::Facets { .. }) && is_air(&surface.medium) == is_air(before) {
+            let legal = "glass on one side of facets and air on the other";
+            return Err(ValueError::new(format!("{key}.medium"), &surface.medium, legal));
+        }
+        before = &surface.medium;
     }
     match lens.surfaces.last() {
         Some(last) if !last.medium.eq_ignore_ascii_case("air") => {

@@ -68,6 +68,12 @@ impl Camera {
         Ok(Self { bands })
     }
 
+    /// The same with grooves of Fresnel lenses that are infinitely fine: a smooth lens without the walls between facets, whose
+    /// images move evenly with everything. Real grooves make images jump by what one of them holds of a pupil's light.
+    pub fn smoothed(self) -> Self {
+        Self { bands: self.bands.into_iter().map(BandOptics::smoothed).collect() }
+    }
+
     /// The bands, in the order of the instrument's.
     pub fn bands(&self) -> &[BandOptics] {
         &self.bands
@@ -123,6 +129,15 @@ impl BandOptics {
             }
         };
         Ok(Self { name: band.name.clone(), projection, masks, model })
+    }
+
+    fn smoothed(self) -> Self {
+        let model = match self.model {
+            Model::Thin(band) => Model::Thin(band),
+            Model::Fresnel(band) => Model::Fresnel(Box::new(band.smoothed())),
+            Model::Prescribed(band) => Model::Prescribed(Box::new(band.smoothed())),
+        };
+        Self { model, ..self }
     }
 
     /// The band's name.

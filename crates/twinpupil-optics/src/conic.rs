@@ -25,6 +25,12 @@ impl Conic {
         self.vertex_mm + c * r_mm * r_mm / (1.0 + (1.0 - q * (c * r_mm).powi(2)).sqrt())
     }
 
+    /// Growth of the depth with the radius.
+    pub(crate) fn slope(&self, r_mm: f64) -> f64 {
+        let [x, _, z] = self.normal([r_mm, 0.0, self.depth_mm(r_mm)]);
+        x / -z
+    }
+
     /// Depth at which a line meets the sheet about the vertex; NaN if it does not.
     #[inline(always)]
     pub(crate) fn meets(&self, line: &Line) -> f64 {

@@ -104,6 +104,11 @@ impl FresnelBand {
         })
     }
 
+    /// The same with grooves that are infinitely fine.
+    pub(crate) fn smoothed(self) -> Self {
+        Self { plate: self.plate.smoothed(), ..self }
+    }
+
     pub(crate) fn trace(&self, starts: RayStarts<'_>, rays: &mut ObjectRays, ledger: &mut RayLedger) {
         let count = starts.len();
         rays.resize(count);

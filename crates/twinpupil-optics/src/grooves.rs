@@ -78,6 +78,14 @@ fn groove(lens: &FresnelLens, index: f64, k: usize) -> Result<Groove, OpticsErro
     Ok(Groove { facet, peak_mm, valley_mm, depth_mm, foot_mm: 0.0, floor_mm: depth_mm })
 }
 
+/// The facet of an infinitely narrow groove with its peak at a radius.
+pub(crate) fn facet_at(lens: &FresnelLens, index: f64, r_mm: f64) -> Conic {
+    match lens.grooves {
+        GrooveSide::Image => hyperboloid(lens.focal_length_mm, index, r_mm),
+        GrooveSide::Object => ellipsoid(lens, index, r_mm, r_mm),
+    }
+}
+
 /// The hyperboloid through the peak whose focus is the focal point, f outside the plane of the peaks.
 ///
 /// Equal optical paths from a plane wave in the glass to the focus: `n (depth of the vertex) + q = f_k`, q from the

@@ -30,6 +30,11 @@ impl Default for Lines {
 }
 
 impl Lines {
+    /// Lines none of which is settled.
+    fn unsettled() -> Self {
+        Self { slope: [[f64::NAN; LANES]; 2], ..Self::default() }
+    }
+
     #[inline(always)]
     pub(crate) fn get(&self, lane: usize) -> Line {
         let ([x_mm, y_mm], [gx, gy]) = (&self.at_peaks_mm, &self.slope);
@@ -53,6 +58,9 @@ impl Lines {
 impl Plate {
     /// [`Plate::enter_flat_face`] in the common case.
     pub(crate) fn enter_flat_face_all(&self, outside: &Lines) -> Lines {
+        if self.is_smooth {
+            return Lines::unsettled();
+        }
         let mut lines = outside.clone();
         enter_flat_face(self, &mut lines);
         leave_facets(self, &self.grooves_at_peaks(&lines), &mut lines);
@@ -61,6 +69,9 @@ impl Plate {
 
     /// [`Plate::enter_grooves`] in the common case.
     pub(crate) fn enter_grooves_all(&self, outside: &Lines) -> Lines {
+        if self.is_smooth {
+            return Lines::unsettled();
+        }
         let mut lines = outside.clone();
         enter_facets(self, &self.grooves_at_peaks(&lines), &mut lines);
         lines

@@ -17,6 +17,7 @@
 mod aim;
 mod camera;
 mod conic;
+mod envelope;
 mod fresnel;
 mod grooves;
 mod image;
@@ -46,13 +47,13 @@ mod train;
 mod zmx;
 
 pub use camera::{BandOptics, Camera, OpticsError};
-pub use image::{BandImager, Contrast, Deviation, Encircled, Foci, Imager, Psf, PupilFunction, Sight};
+pub use image::{BandImager, Contrast, Deviation, Encircled, EncircledWaves, Foci, Imager, Psf, PupilFunction, Sight};
 pub use ledger::{RayFate, RayLedger};
 pub use pencil::Pencil;
 pub use point_image::PointImage;
 pub use ray_map::RayMap;
 pub use rays::{Footprint, ObjectRays, RayStarts};
-pub use response::{response_grids, response_table, response_table_for};
+pub use response::{response_grids, response_table, response_table_for, smoothed_response_table_for};
 pub use site::{Room, entocentric_place, rooms, telecentric_place};
 pub use train::{
     ChromaticSums, Fate, FateLedger, Field, FirstOrder, Mask, Pupil, Ray, Rays, SeidelSums, SurfaceLosses, Train,

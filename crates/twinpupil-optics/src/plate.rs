@@ -3,6 +3,7 @@
 use twinpupil_instrument::FresnelLens;
 
 use crate::conic::Conic;
+use crate::envelope::Envelope;
 use crate::grooves::{Groove, grooves};
 use crate::line::Line;
 use crate::refraction::{Vector, refract};
@@ -19,6 +20,9 @@ pub(crate) struct Plate {
     pub(crate) half_size_mm: [f64; 2],
     /// Refractive index in the band.
     pub(crate) index: f64,
+    envelope: Envelope,
+    /// Whether rays meet the envelope instead of facets and walls.
+    pub(crate) is_smooth: bool,
 }
 
 /// The flat face's normal.
@@ -34,7 +38,14 @@ impl Plate {
             thickness_mm: lens.thickness_mm,
             half_size_mm: lens.size_mm.map(|size_mm| 0.5 * size_mm),
             index,
+            envelope: Envelope::of(lens, design_index),
+            is_smooth: false,
         })
+    }
+
+    /// The same with grooves that are infinitely fine, and no walls.
+    pub(crate) fn smoothed(self) -> Self {
+        Self { is_smooth: true, ..self }
     }
 
     /// In through the flat face, out through a facet.
@@ -51,6 +62,9 @@ impl Plate {
 
     /// From the glass out of a facet: where it is met, and the line beyond.
     pub(crate) fn leave_facet(&self, inside: &Line) -> Result<(Vector, Line), RayFate> {
+        if self.is_smooth {
+            return self.through_envelope(inside, self.index);
+        }
         let (k, depth_mm) = self.facet_from_within(inside)?;
         let (place, out) = self.through_facet(inside, &self.grooves[k].facet, depth_mm, self.index)?;
         // The riser of the next groove stands up to the peaks: within it is within its cone.
@@ -60,6 +74,9 @@ impl Plate {
     /// Into the glass through a facet: where it is met, and the line beyond.
     pub(crate) fn enter_facet(&self, outside: &Line) -> Result<(Vector, Line), RayFate> {
         self.on_lens(outside, 0.0)?;
+        if self.is_smooth {
+            return self.through_envelope(outside, 1.0 / self.index);
+        }
         let (k, depth_mm) = self.facet_from_without(outside)?;
         let (place, inside) = self.through_facet(outside, &self.grooves[k].facet, depth_mm, 1.0 / self.index)?;
         // Heading inwards, it must pass below the foot of its own groove's riser.
@@ -89,6 +106,12 @@ impl Plate {
     ) -> Result<(Vector, Line), RayFate> {
         let place = self.on_lens(line, depth_mm)?;
         Ok((place, bent(line, place, facet.normal(place), index_ratio)?))
+    }
+
+    /// Where the line meets the plane of the peaks, and the line behind it.
+    fn through_envelope(&self, line: &Line, index_ratio: f64) -> Result<(Vector, Line), RayFate> {
+        let place = self.on_lens(line, 0.0)?;
+        Ok((place, bent(line, place, self.envelope.normal(place), index_ratio)?))
     }
 
     /// Facet and depth at which a line from outside first meets the grooves: always in the groove above which it

@@ -147,6 +147,16 @@ impl PrescribedBand {
         Ok(made)
     }
 
+    /// The same with grooves that are infinitely fine.
+    pub(crate) fn smoothed(self) -> Self {
+        Self {
+            train: self.train.smoothed(),
+            lens: self.lens.smoothed(),
+            to_stops: self.to_stops.into_iter().map(Train::smoothed).collect(),
+            ..self
+        }
+    }
+
     /// How rays meet the pupil that the lens, or a part of it, separates from the sensor.
     fn learnt_aim(&self, centre_mm: [f64; 2], radius_mm: f64, image_radius_mm: f64) -> Aim {
         let to_pupil = self.train.clear_to_mask(self.masks.pupil);

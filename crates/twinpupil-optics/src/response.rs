@@ -33,9 +33,18 @@ pub fn response_table(camera: &Camera, r_mm: Grid, z_mm: Grid, image_radius_mm: 
 
 /// The response table of an instrument over [`response_grids`].
 pub fn response_table_for(instrument: &Instrument) -> Result<ResponseTable, OpticsError> {
+    Ok(default_table(instrument, &Camera::new(instrument)?))
+}
+
+/// The same behind grooves of Fresnel lenses that are infinitely fine, whose walls take no light: what masks do to it alone.
+pub fn smoothed_response_table_for(instrument: &Instrument) -> Result<ResponseTable, OpticsError> {
+    Ok(default_table(instrument, &Camera::new(instrument)?.smoothed()))
+}
+
+fn default_table(instrument: &Instrument, camera: &Camera) -> ResponseTable {
     let (r_mm, z_mm) = response_grids(instrument);
     let image_radius_mm = Grid::spanning(0.0, instrument.corner_radius_mm(), GROUND_NODES);
-    Ok(response_table(&Camera::new(instrument)?, r_mm, z_mm, image_radius_mm))
+    response_table(camera, r_mm, z_mm, image_radius_mm)
 }
 
 /// Radii at which the light of an even ground is tabulated by default.

@@ -247,6 +247,23 @@ fn masks_in_glass_are_refused_with_what_to_state() {
 }
 
 #[test]
+fn lenses_that_bend_no_light_are_refused_in_words() {
+    let said = |lens: &str| camera(lens, &[]).expect_err("must be refused").to_string();
+    let facets = "[[lens.prescription.surface]]\nshape = { kind = \"facets\", focal_length_mm = 100.0, pitch_mm = 0.25 }\n\
+                  semi_diameter_mm = 20.0\n";
+    let legal = "glass on one side of facets and air on the other";
+    assert_eq!(said(facets), format!("`lens.prescription.surface[0].medium` is air; legal: {legal}"));
+    let vacuum = format!(
+        "{facets}medium = \"void\"\ngap_mm = 2.0\n[[lens.prescription.surface]]\n[lens.prescription.media.void]\n\
+         formula = \"constant\"\ncoefficients = [1.0]"
+    );
+    for lens in [vacuum.as_str(), "[[lens.prescription.surface]]\nshape = { kind = \"plane\" }\n"] {
+        let message = said(lens);
+        assert!(message.contains("is a lens that bends no light; legal: 0.1 to 100000"), "{message}");
+    }
+}
+
+#[test]
 fn a_focal_length_scales_the_whole_lens() {
     let lens = format!("focal_length_mm = 50.0\n{SINGLET}");
     let replaced = [

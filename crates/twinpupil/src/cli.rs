@@ -11,6 +11,7 @@ use crate::commands::{
     simulate, target,
 };
 use crate::console::Console;
+use crate::reason::one_line;
 
 /// Depth from one exposure: simulates, reads and designs cameras with two coaxial colour apertures.
 ///
@@ -103,7 +104,7 @@ fn run(cli: &Cli) -> Result<()> {
         Command::Calibrate(args) => calibrate::run(args, &console),
         Command::Analyze(command) => analyze::run(command, &console),
         Command::Design(args) => design::run(args, &console),
-        Command::Optics(command) => optics::run(command),
+        Command::Optics(command) => optics::run(command, &console),
         Command::Crosstalk(args) => crosstalk::run(args, &console),
         Command::Reproduce(args) => reproduce::run(args, &console),
         Command::Demo(args) => demo::run(args, &console),
@@ -115,11 +116,6 @@ fn reader_has_left(error: &anyhow::Error) -> bool {
     error.downcast_ref::<std::io::Error>().is_some_and(|error| error.kind() == ErrorKind::BrokenPipe)
 }
 
-/// The chain of causes on one line, whatever line breaks a library put into it.
-fn one_line(error: &anyhow::Error) -> String {
-    format!("{error:#}").split_whitespace().collect::<Vec<_>>().join(" ")
-}
-
 #[cfg(test)]
 mod tests {
     use clap::CommandFactory;
@@ -129,11 +125,5 @@ mod tests {
     #[test]
     fn the_command_line_is_consistent() {
         Cli::command().debug_assert();
-    }
-
-    #[test]
-    fn errors_are_one_line() {
-        let error = anyhow::anyhow!("a\n  b").context("file");
-        assert_eq!(one_line(&error), "file: a b");
     }
 }

@@ -17,6 +17,7 @@ pub mod plot;
 pub mod plot_sheet;
 pub mod precision;
 pub mod printout;
+pub mod reason;
 pub mod report;
 pub mod round;
 pub mod text_table;

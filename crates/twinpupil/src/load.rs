@@ -75,7 +75,7 @@ fn read_instrument(text: &str, folder: &Path) -> Result<Instrument> {
         && let Some(file) = stated.file.take()
     {
         let catalogues: Vec<PathBuf> = stated.catalogues.drain(..).map(|path| folder.join(path)).collect();
-        stated.prescription = Some(lens::read_with_glasses(&folder.join(file), &catalogues)?);
+        stated.prescription = Some(lens::read_with_glasses(&folder.join(file), &catalogues)?.0);
     }
     Ok(Instrument::new(spec)?)
 }

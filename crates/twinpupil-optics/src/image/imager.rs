@@ -53,6 +53,11 @@ impl Imager {
         Self { wavelength_mm: 1e-6 * wavelength_nm, train, clear, to_pupil, from_pupil, centre_mm, radius_mm }
     }
 
+    /// The lens with whatever clips the light.
+    pub fn train(&self) -> &Train {
+        &self.train
+    }
+
     /// Rays before the lens from a point of the field through places of the pupil; `None` where no ray gets there. What clips
     /// the light is not asked.
     pub fn rays(&self, field: Field, places: &[[f64; 2]]) -> Vec<Option<Ray>> {
@@ -80,7 +85,7 @@ impl Imager {
         image(&self.to_pupil, ray)
     }
 
-    fn through_all(&self, ray: &Ray) -> Option<Ray> {
+    pub(super) fn through_all(&self, ray: &Ray) -> Option<Ray> {
         image(&self.clear, ray)
     }
 }

@@ -5,6 +5,7 @@
 //! the sphere about that place through the middle of the exit pupil.
 
 mod band;
+mod bessel;
 mod fan;
 mod imager;
 mod mtf;
@@ -16,5 +17,5 @@ pub use band::BandImager;
 pub use fan::{Deviation, Foci};
 pub use imager::{Imager, Sight};
 pub use mtf::Contrast;
-pub use psf::{Encircled, Psf};
+pub use psf::{Encircled, EncircledWaves, Psf};
 pub use pupil::PupilFunction;

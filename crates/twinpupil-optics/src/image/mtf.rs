@@ -18,18 +18,17 @@ impl PupilFunction {
     /// Contrast by diffraction at frequencies in cycles/mm: the autocorrelation of the pupil function
     /// [Goodman, Introduction to Fourier Optics, sec. 6.4].
     pub fn contrasts(&self, per_mm: &[f64]) -> Vec<Contrast> {
-        let light: f64 = self.lit().map(|cell| cell.amplitude.powi(2)).sum();
+        let light: f64 = self.lit().map(Cell::light).sum();
         let at = |axis: usize, per_mm: f64| self.overlap(axis, per_mm.abs() * self.wavelength_mm / self.step) / light;
         per_mm.iter().map(|per_mm| Contrast { tangential: at(1, *per_mm), sagittal: at(0, *per_mm) }).collect()
     }
 
     /// Contrast by rays at frequencies in cycles/mm.
     pub fn contrasts_by_rays(&self, per_mm: &[f64]) -> Vec<Contrast> {
-        let light: f64 = self.lit().map(|cell| cell.amplitude.powi(2)).sum();
+        let light: f64 = self.lit().map(Cell::light).sum();
         let at = |axis: usize, per_mm: f64| {
             let wave = |error_mm: f64| Complex::cis(std::f64::consts::TAU * per_mm * error_mm);
-            let sum: Complex<f64> =
-                self.lit().map(|cell| wave(cell.deviation.error_mm[axis]) * cell.amplitude.powi(2)).sum();
+            let sum: Complex<f64> = self.lit().map(|cell| wave(cell.deviation.error_mm[axis]) * cell.light()).sum();
             sum.norm() / light
         };
         per_mm.iter().map(|per_mm| Contrast { tangential: at(1, *per_mm), sagittal: at(0, *per_mm) }).collect()
@@ -51,10 +50,10 @@ impl PupilFunction {
         let whole = whole as usize;
         let sum: Complex<f64> = (self.cells.iter().enumerate())
             .filter_map(|(n, cell)| {
-                let (cell, shifted) =
-                    (cell.as_ref()?, between([whole, whole + 1].map(|k| self.shifted(n, axis, k)), part)?);
-                let phase_rad = self.phase_rad(&shifted) - self.phase_rad(cell);
-                Some(Complex::from_polar(cell.amplitude * shifted.amplitude, phase_rad))
+                let cell = cell.as_ref()?;
+                let common = Common::of(cell, [whole, whole + 1].map(|k| self.shifted(n, axis, k)), part)?;
+                let phase_rad = std::f64::consts::TAU * common.ahead_mm / self.wavelength_mm;
+                Some(Complex::from_polar(common.light, phase_rad))
             })
             .sum();
         sum.norm()
@@ -67,18 +66,28 @@ impl PupilFunction {
     }
 }
 
-/// What is between two places; nothing comes through a missing one.
-fn between([one, other]: [Option<Cell>; 2], part: f64) -> Option<Cell> {
-    let dimmed = |cell: Cell, share: f64| Cell { amplitude: share * cell.amplitude, ..cell };
-    match (one, other) {
-        (Some(one), Some(other)) => {
-            let mut cell = dimmed(one, 1.0 - part);
-            cell.amplitude += part * other.amplitude;
-            cell.deviation.opd_mm += part * (other.deviation.opd_mm - one.deviation.opd_mm);
-            Some(cell)
+/// What a place has in common with what is between two others.
+struct Common {
+    /// Product of the amplitudes where both are lit.
+    light: f64,
+    /// How far the other wavefront is ahead, mm.
+    ahead_mm: f64,
+}
+
+impl Common {
+    /// With a part of the way from one place to the next; nothing comes through a missing one.
+    fn of(cell: &Cell, others: [Option<Cell>; 2], part: f64) -> Option<Self> {
+        let shares = [1.0 - part, part];
+        let light = |other: &Cell| cell.amplitude * other.amplitude * cell.lit.shared(other.lit);
+        let ahead_mm = |other: &Cell| other.deviation.opd_mm - cell.deviation.opd_mm;
+        match others {
+            [Some(one), Some(other)] => Some(Self {
+                light: shares[0] * light(&one) + shares[1] * light(&other),
+                ahead_mm: shares[0] * ahead_mm(&one) + shares[1] * ahead_mm(&other),
+            }),
+            [Some(only), None] => Some(Self { light: shares[0] * light(&only), ahead_mm: ahead_mm(&only) }),
+            [None, Some(only)] => Some(Self { light: shares[1] * light(&only), ahead_mm: ahead_mm(&only) }),
+            [None, None] => None,
         }
-        (Some(one), None) => Some(dimmed(one, 1.0 - part)),
-        (None, Some(other)) => Some(dimmed(other, part)),
-        (None, None) => None,
     }
 }

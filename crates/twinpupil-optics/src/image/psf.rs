@@ -4,6 +4,8 @@ use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
 
 use super::PupilFunction;
+use super::bessel::j1_over_x;
+use super::pupil::Cell;
 
 /// The image of a point by diffraction, on a square grid about the image of the chief ray.
 ///
@@ -20,17 +22,34 @@ pub struct Psf {
     pub pitch_mm: f64,
     /// Row by row, along y.
     pub intensity: Vec<f64>,
+    /// All light, as the sum of the intensity at all places.
+    light_on_grid: f64,
 }
 
-/// Light by its distance from some place.
+/// Light of rays by their distance from some place.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Encircled {
-    /// Distance, mm, and light of every place, from the middle outwards.
+    /// Distance, mm, and light of every ray, from the middle outwards.
     places: Vec<[f64; 2]>,
-    /// Light of the first places: of none, of one, …
+    /// Light of the first rays: of none, of one, …
     sums: Vec<f64>,
-    /// Width of a place, mm.
-    width_mm: f64,
+}
+
+/// Light by diffraction within circles about some place: with the spectrum S of the light about there,
+///
+/// ```text
+/// E(r) = ∫ S(ν) r J₁(2π ν r)/ν d²ν        [Goodman, Introduction to Fourier Optics, secs. 2.1.5, 6.3]
+/// ```
+///
+/// which is exact between the places of a grid, for light has no finer spectrum.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EncircledWaves {
+    /// Frequency, cycles/mm, and spectrum, all frequencies alike added up, over that of none.
+    spectrum: Vec<[f64; 2]>,
+    /// Area of a place of the spectrum over all light, 1/mm².
+    cell_per_mm2: f64,
+    /// How far from the middle the grid reaches, mm.
+    reach_mm: f64,
 }
 
 /// How many times as wide as the pupil the grid of the transform is: places are a quarter of λ/2NA apart.
@@ -44,8 +63,9 @@ impl PupilFunction {
         let mut amplitudes = 0.0;
         for (n, cell) in self.cells.iter().enumerate() {
             if let Some(cell) = cell {
-                field[n / self.size * size + n % self.size] = Complex::from_polar(cell.amplitude, self.phase_rad(cell));
-                amplitudes += cell.amplitude;
+                field[n / self.size * size + n % self.size] =
+                    Complex::from_polar(cell.mean_amplitude(), self.phase_rad(cell));
+                amplitudes += cell.mean_amplitude();
             }
         }
         transform(&mut field, size);
@@ -57,6 +77,8 @@ impl PupilFunction {
             size,
             pitch_mm: self.wavelength_mm / (size as f64 * self.step),
             intensity: (0..size * size).map(intensity).collect(),
+            // Parseval's theorem, with the light of places on the rim and not its square.
+            light_on_grid: (size * size) as f64 * self.lit().map(Cell::light).sum::<f64>() / (amplitudes * amplitudes),
         }
     }
 
@@ -67,7 +89,7 @@ impl PupilFunction {
         for (n, cell) in self.cells.iter().enumerate() {
             if let Some(cell) = cell {
                 lines[[n % self.size, n / self.size][axis]] +=
-                    Complex::from_polar(cell.amplitude, self.phase_rad(cell));
+                    Complex::from_polar(cell.mean_amplitude(), self.phase_rad(cell));
             }
         }
         let middle = 0.5 * (self.size as f64 - 1.0);
@@ -86,14 +108,14 @@ impl PupilFunction {
             .filter_map(|(n, cell)| {
                 let (cell, [u, v]) = (cell.as_ref()?, self.offset(n));
                 let tilt_rad = std::f64::consts::TAU * (u * x_mm + v * y_mm) / self.wavelength_mm;
-                Some(Complex::from_polar(cell.amplitude, self.phase_rad(cell) - tilt_rad))
+                Some(Complex::from_polar(cell.mean_amplitude(), self.phase_rad(cell) - tilt_rad))
             })
             .sum();
         sum.norm_sqr() / self.amplitudes().powi(2)
     }
 
     fn amplitudes(&self) -> f64 {
-        self.lit().map(|cell| cell.amplitude).sum()
+        self.lit().map(Cell::mean_amplitude).sum()
     }
 
     /// Strehl's ratio: the most light anywhere in the image, relative to that without aberrations.
@@ -104,8 +126,8 @@ impl PupilFunction {
 
     /// Where rays are in the image on the average of their light, from the chief ray, mm.
     pub fn centroid_mm(&self) -> [f64; 2] {
-        let light: f64 = self.lit().map(|cell| cell.amplitude.powi(2)).sum();
-        [0, 1].map(|k| self.lit().map(|cell| cell.amplitude.powi(2) * cell.deviation.error_mm[k]).sum::<f64>() / light)
+        let light: f64 = self.lit().map(Cell::light).sum();
+        [0, 1].map(|k| self.lit().map(|cell| cell.light() * cell.deviation.error_mm[k]).sum::<f64>() / light)
     }
 
     /// Light of rays by their distance from the centroid.
@@ -113,9 +135,9 @@ impl PupilFunction {
         let centre_mm = self.centroid_mm();
         let places = self.lit().map(|cell| {
             let [x, y] = [0, 1].map(|k| cell.deviation.error_mm[k] - centre_mm[k]);
-            [x.hypot(y), cell.amplitude.powi(2)]
+            [x.hypot(y), cell.light()]
         });
-        Encircled::new(places.collect(), 0.0)
+        Encircled::new(places.collect())
     }
 }
 
@@ -132,13 +154,30 @@ fn transform(field: &mut [Complex<f64>], size: usize) {
 }
 
 impl Psf {
-    /// Light by its distance from a place, such as the centroid.
-    pub fn encircled(&self, centre_mm: [f64; 2]) -> Encircled {
-        let place = |n: usize| {
-            let [x, y] = self.place_mm(n);
-            [(x - centre_mm[0]).hypot(y - centre_mm[1]), self.intensity[n]]
-        };
-        Encircled::new((0..self.intensity.len()).map(place).collect(), self.pitch_mm)
+    /// Light within circles about a place, such as the centroid.
+    pub fn encircled(&self, centre_mm: [f64; 2]) -> EncircledWaves {
+        let size = self.size;
+        let mut field: Vec<Complex<f64>> = self.intensity.iter().map(|light| Complex::from(*light)).collect();
+        transform(&mut field, size);
+        let cell_per_mm = 1.0 / (size as f64 * self.pitch_mm);
+        let half = size as i64 / 2;
+        let mut by_square = vec![0.0; (2 * half * half) as usize + 1];
+        for (n, value) in field.iter().enumerate() {
+            let signed = |k: usize| if (k as i64) < half { k as i64 } else { k as i64 - size as i64 };
+            // Rows and columns are exchanged.
+            let [i, j] = [signed(n / size), signed(n % size)];
+            let from_corner = |k: i64, mm: f64| k as f64 * (mm * cell_per_mm + half as f64 / size as f64);
+            let turn = from_corner(i, centre_mm[0]) + from_corner(j, centre_mm[1]);
+            by_square[(i * i + j * j) as usize] += (value * Complex::cis(std::f64::consts::TAU * turn)).re;
+        }
+        let all = self.light_on_grid;
+        by_square[0] = all;
+        let spectrum = by_square.into_iter().enumerate().filter(|(_, value)| value.abs() > FAINT * all);
+        EncircledWaves {
+            spectrum: spectrum.map(|(square, value)| [(square as f64).sqrt() * cell_per_mm, value / all]).collect(),
+            cell_per_mm2: cell_per_mm * cell_per_mm,
+            reach_mm: 0.5 / cell_per_mm,
+        }
     }
 
     /// From the image of the chief ray, mm.
@@ -177,34 +216,45 @@ impl Psf {
     }
 }
 
+/// Of all light: what a frequency has less of does not count.
+const FAINT: f64 = 1e-12;
+
+impl EncircledWaves {
+    /// Share of the light within a radius.
+    pub fn share(&self, radius_mm: f64) -> f64 {
+        // 2π r² J₁(x)/x with x = 2π ν r.
+        let disc = |nu_per_mm: f64| {
+            std::f64::consts::TAU * radius_mm * radius_mm * j1_over_x(std::f64::consts::TAU * nu_per_mm * radius_mm)
+        };
+        self.cell_per_mm2 * self.spectrum.iter().map(|[nu_per_mm, value]| value * disc(*nu_per_mm)).sum::<f64>()
+    }
+
+    /// Radius within which that share of the light is, mm.
+    pub fn radius_mm(&self, share: f64) -> f64 {
+        halved(self.reach_mm, |radius_mm| self.share(radius_mm) < share)
+    }
+}
+
 impl Encircled {
-    fn new(mut places: Vec<[f64; 2]>, width_mm: f64) -> Self {
+    fn new(mut places: Vec<[f64; 2]>) -> Self {
         places.sort_unstable_by(|a, b| a[0].total_cmp(&b[0]));
         let sums = places.iter().scan(0.0, |sum, [_, light]| {
             *sum += light;
             Some(*sum)
         });
-        Self { sums: std::iter::once(0.0).chain(sums).collect(), places, width_mm }
+        Self { sums: std::iter::once(0.0).chain(sums).collect(), places }
     }
 
-    /// Share of the light within a radius; places on its rim count by how far they reach in.
+    /// Share of the light within a radius.
     pub fn share(&self, radius_mm: f64) -> f64 {
-        let within = |radius_mm: f64| self.places.partition_point(|[at_mm, _]| *at_mm <= radius_mm);
-        let half_mm = 0.5 * self.width_mm;
-        let (whole, touched) = (within(radius_mm - half_mm), within(radius_mm + half_mm));
-        let part = |[at_mm, light]: &[f64; 2]| light * ((radius_mm - at_mm) / self.width_mm + 0.5);
-        let light = self.sums.last().copied().unwrap_or(0.0);
-        (self.sums[whole] + self.places[whole..touched].iter().map(part).sum::<f64>()) / light
+        let within = self.places.partition_point(|[at_mm, _]| *at_mm <= radius_mm);
+        self.sums[within] / self.sums.last().copied().unwrap_or(0.0)
     }
 
     /// Radius within which that share of the light is, mm.
     pub fn radius_mm(&self, share: f64) -> f64 {
-        let (mut low_mm, mut high_mm) = (0.0, self.places.last().map_or(0.0, |[at_mm, _]| *at_mm));
-        for _ in 0..HALVINGS {
-            let middle_mm = 0.5 * (low_mm + high_mm);
-            if self.share(middle_mm) < share { low_mm = middle_mm } else { high_mm = middle_mm }
-        }
-        high_mm
+        let farthest_mm = self.places.last().map_or(0.0, |[at_mm, _]| *at_mm);
+        halved(farthest_mm, |radius_mm| self.share(radius_mm) < share)
     }
 
     /// Root of the mean square of the distances, mm.
@@ -213,6 +263,16 @@ impl Encircled {
             / self.sums.last().copied().unwrap_or(0.0))
         .sqrt()
     }
+}
+
+/// The least radius up to some largest one that is not too small.
+fn halved(largest_mm: f64, is_too_small: impl Fn(f64) -> bool) -> f64 {
+    let (mut low_mm, mut high_mm) = (0.0, largest_mm);
+    for _ in 0..HALVINGS {
+        let middle_mm = 0.5 * (low_mm + high_mm);
+        if is_too_small(middle_mm) { low_mm = middle_mm } else { high_mm = middle_mm }
+    }
+    high_mm
 }
 
 /// Of the largest distance: to a millionth of it.

@@ -25,10 +25,48 @@ pub struct PupilFunction {
 /// What comes through a place of the pupil.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Cell {
-    /// Of the light, in any unit.
+    /// Of the light, in any unit, where there is some.
     pub(super) amplitude: f64,
+    /// Where that is.
+    pub(super) lit: Lit,
     pub(super) deviation: Deviation,
 }
+
+impl Cell {
+    /// Amplitude on the average over the place.
+    pub(super) fn mean_amplitude(&self) -> f64 {
+        self.amplitude * self.lit.share()
+    }
+
+    /// Light on the average over the place.
+    pub(super) fn light(&self) -> f64 {
+        self.amplitude * self.amplitude * self.lit.share()
+    }
+}
+
+/// Which parts of a place light comes through: a bit for every ray that tells of it, row by row.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Lit(u64);
+
+impl Lit {
+    const ALL: Self = Self(u64::MAX);
+
+    fn of(rays: &[Option<Ray>]) -> Self {
+        Self(rays.iter().rev().fold(0, |bits, ray| bits << 1 | u64::from(ray.is_some())))
+    }
+
+    fn share(self) -> f64 {
+        f64::from(self.0.count_ones()) / f64::from(u64::BITS)
+    }
+
+    /// Share of a place that is lit in another one as well.
+    pub(super) fn shared(self, other: Self) -> f64 {
+        Self(self.0 & other.0).share()
+    }
+}
+
+/// Rays a side of a place on the rim that tell where it is lit: a bit of a word each.
+const RIM_RAYS: usize = 8;
 
 /// Rays to the rim of the pupil that tell how wide it is.
 const RIM: usize = 32;
@@ -72,9 +110,22 @@ impl Sight<'_> {
         let there: Vec<(usize, &Seeker)> =
             near.into_iter().zip(&seekers).filter(|(_, seeker)| seeker.is_there).collect();
         let starts: Vec<Ray> = there.iter().map(|(_, seeker)| self.field.ray(seeker.start_mm)).collect();
-        for ((n, seeker), (start, ray)) in there.into_iter().zip(starts.iter().zip(self.passed(&starts))) {
+        let passed = self.passed(&starts);
+        let mut places = vec![Place::default(); size * size];
+        for ((n, _), (start, ray)) in there.iter().zip(starts.iter().zip(&passed)) {
+            places[*n] = Place { start_mm: Some(self.at_plane_mm(start)), is_lit: ray.is_some() };
+        }
+        let on_rim: Vec<bool> = there.iter().map(|(n, _)| grid.is_on_rim(*n, &places)).collect();
+        let rims = self.rims(&grid, &places, there.iter().zip(&on_rim).filter(|(_, is)| **is).map(|((n, _), _)| *n));
+        let mut rims = rims.into_iter();
+        for (((n, seeker), is_on_rim), (start, ray)) in there.into_iter().zip(on_rim).zip(starts.iter().zip(passed)) {
+            let lit = if is_on_rim { rims.next() } else { ray.map(|_| Lit::ALL) };
+            let Some(lit) = lit.filter(|lit| lit.share() > 0.0) else { continue };
+            // A place that is lit beside its middle has the wavefront that would be there.
+            let ray = ray.or_else(|| self.imager.through_all(start));
             let light = |ray: Ray| Cell {
                 amplitude: (self.falloff(start) / seeker.spread).sqrt(),
+                lit,
                 deviation: self.deviation(&ray),
             };
             cells[n] = ray.map(light).filter(|cell| cell.amplitude.is_finite());
@@ -116,6 +167,21 @@ impl Sight<'_> {
         })
     }
 
+    /// Where light comes through places on the rim.
+    fn rims(&self, grid: &Grid, places: &[Place], on_rim: impl Iterator<Item = usize>) -> Vec<Lit> {
+        let offsets = || (0..RIM_RAYS).map(|k| (k as f64 + 0.5) / RIM_RAYS as f64 - 0.5);
+        let starts: Vec<Ray> = on_rim
+            .flat_map(|n| {
+                let ([x_mm, y_mm], [along_x, along_y]) = grid.starts_about(n, places);
+                offsets()
+                    .flat_map(move |v| offsets().map(move |u| [u, v]))
+                    .map(move |[u, v]| [x_mm + u * along_x[0] + v * along_y[0], y_mm + u * along_x[1] + v * along_y[1]])
+            })
+            .map(|start_mm| self.field.ray(start_mm))
+            .collect();
+        self.passed(&starts).chunks(RIM_RAYS * RIM_RAYS).map(Lit::of).collect()
+    }
+
     /// Where a ray crosses the plane z = 0, mm.
     fn at_plane_mm(&self, ray: &Ray) -> [f64; 2] {
         [0, 1].map(|k| ray.position_mm[k] - ray.position_mm[2] * ray.direction[k] / ray.direction[2])
@@ -148,7 +214,44 @@ fn at_azimuth(turn: f64) -> [f64; 2] {
     [cos, sin]
 }
 
+/// What is known of a place of the grid.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+struct Place {
+    /// Where its ray crosses the plane z = 0, mm; none without a ray.
+    start_mm: Option<[f64; 2]>,
+    is_lit: bool,
+}
+
 impl Grid {
+    /// Whether light ends between a place and one of those about it.
+    fn is_on_rim(&self, n: usize, places: &[Place]) -> bool {
+        let beside = |at: usize| at.saturating_sub(1)..(at + 2).min(self.size);
+        let (column, row) = (n % self.size, n / self.size);
+        let is_inner = (1..self.size - 1).contains(&column) && (1..self.size - 1).contains(&row);
+        let differs = |other: usize| places[other].is_lit != places[n].is_lit;
+        let mut about = beside(row).flat_map(|row| beside(column).map(move |column| row * self.size + column));
+        about.any(differs) || (!is_inner && places[n].is_lit)
+    }
+
+    /// Where the ray of a place starts, and how far from there those of the next places along x and y do, mm.
+    fn starts_about(&self, n: usize, places: &[Place]) -> ([f64; 2], [[f64; 2]; 2]) {
+        let start_mm = |n: Option<usize>| n.and_then(|n| places.get(n)?.start_mm);
+        let here_mm = start_mm(Some(n)).unwrap_or_else(|| self.guess_mm(n));
+        let step = |axis: usize| {
+            let (at, stride) = [(n % self.size, 1), (n / self.size, self.size)][axis];
+            let before = start_mm(n.checked_sub(stride).filter(|_| at > 0));
+            let after = start_mm(Some(n + stride).filter(|_| at + 1 < self.size));
+            let from_to = |from: [f64; 2], to: [f64; 2], steps: f64| [0, 1].map(|k| (to[k] - from[k]) / steps);
+            match (before, after) {
+                (Some(before), Some(after)) => from_to(before, after, 2.0),
+                (Some(before), None) => from_to(before, here_mm, 1.0),
+                (None, Some(after)) => from_to(here_mm, after, 1.0),
+                (None, None) => self.to_rim_mm[axis].map(|mm| mm * self.step / self.half_widths[axis]),
+            }
+        };
+        (here_mm, [step(0), step(1)])
+    }
+
     /// A place from the middle, in half widths.
     fn share(&self, n: usize) -> [f64; 2] {
         let from_middle = [n % self.size, n / self.size].map(|k| k as f64 + 0.5 - 0.5 * self.size as f64);
@@ -192,14 +295,13 @@ impl PupilFunction {
     /// Share of the places within the ellipse of its half widths through which light comes.
     pub fn filled_share(&self) -> f64 {
         let [a, b] = self.half_widths.map(|half_width| half_width / self.step);
-        self.lit().count() as f64 / (std::f64::consts::PI * a * b)
+        self.lit().map(|cell| cell.lit.share()).sum::<f64>() / (std::f64::consts::PI * a * b)
     }
 
     /// Root of the mean square of the wavefront about its mean, mm: the light counts.
     pub fn rms_opd_mm(&self) -> f64 {
-        let light = |power: i32| -> f64 {
-            self.lit().map(|cell| cell.amplitude.powi(2) * cell.deviation.opd_mm.powi(power)).sum()
-        };
+        let light =
+            |power: i32| -> f64 { self.lit().map(|cell| cell.light() * cell.deviation.opd_mm.powi(power)).sum() };
         let (light, mean_mm, square) = (light(0), light(1) / light(0), light(2));
         (square / light - mean_mm * mean_mm).max(0.0).sqrt()
     }

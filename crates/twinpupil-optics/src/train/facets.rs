@@ -24,6 +24,11 @@ impl Facets {
         self.depth_per_z * self.plate.grooves[0].facet.curvature_per_mm
     }
 
+    /// The same infinitely fine.
+    pub(crate) fn smoothed(self) -> Self {
+        Self { plate: self.plate.smoothed(), ..self }
+    }
+
     /// Depth along z at a distance from the axis, mm.
     pub(crate) fn depth_mm(&self, r_mm: f64) -> f64 {
         self.depth_per_z * self.plate.facet_depth_mm(r_mm)

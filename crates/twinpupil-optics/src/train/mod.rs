@@ -150,6 +150,18 @@ impl Train {
         !self.faces.iter().any(is_broken)
     }
 
+    /// The same with grooves of Fresnel lenses that are infinitely fine.
+    pub(crate) fn smoothed(self) -> Self {
+        let smoothed = |face: Face| match &face.profile {
+            Profile::Facets(facets) => {
+                let profile = Profile::Facets(Facets::clone(facets).smoothed().into());
+                Face { profile, ..face }
+            }
+            _ => face,
+        };
+        Self { faces: self.faces.into_iter().map(smoothed).collect() }
+    }
+
     /// The same surfaces, clear everywhere.
     pub(crate) fn clear(&self) -> Self {
         let faces = self.faces.iter().map(|face| Face { clear: Clear::EVERYWHERE, ..face.clone() });

@@ -11,6 +11,11 @@ impl Train {
         self.faces.iter().zip(met).map(|(face, ray)| placed(&face.place, ray.position_mm)).collect()
     }
 
+    /// The number of the mask that is met as `met`-th; `None` if that is a surface of the lens or the image.
+    pub fn mask_met(&self, met: usize) -> Option<usize> {
+        self.faces.get(met).filter(|face| face.clear.rings.is_some()).map(|face| face.index)
+    }
+
     /// The section x = 0 of the surface that is met as `met`-th, below the number of surfaces, from −`half_height_mm` to
     /// `half_height_mm`, in `points` points in the axes of the lens; without those beyond the rim of the surface.
     pub fn section(&self, met: usize, half_height_mm: f64, points: usize) -> Vec<[f64; 3]> {

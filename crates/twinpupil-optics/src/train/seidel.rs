@@ -82,6 +82,12 @@ impl Train {
         self.passages([marginal, chief]).iter().map(Passage::seidel).collect()
     }
 
+    /// Surfaces of the lens whose flat facets have no sums of third order: [`Train::seidel`] has none of them.
+    pub fn flat_lenses(&self) -> Vec<usize> {
+        let is_flat = |face: &&Face| matches!(face.profile, Profile::Fresnel(_) | Profile::Facets(_));
+        self.lens_faces().filter(is_flat).map(|face| face.index).collect()
+    }
+
     /// Chromatic sums of every surface of the lens between the wavelengths of `shorter` and `longer`, which are the same
     /// lens, for a marginal and a chief ray in front of the first.
     pub fn chromatic(

@@ -29,6 +29,10 @@ pub struct ZmxLens {
     pub fields: Vec<FieldPoint>,
     /// Catalogues in which its glasses are to be found, by name.
     pub catalogues: Vec<String>,
+    /// Line on which the medium behind each surface of the lens is stated, or on which the surface begins.
+    pub medium_lines: Vec<usize>,
+    /// What the file says beyond the lens that is read, line by line.
+    pub notes: Vec<SyntaxError>,
 }
 
 /// What limits the beam of a lens.
@@ -41,6 +45,11 @@ pub enum Beam {
     },
     /// Focal length over the diameter of the entrance pupil.
     FNumber {
+        /// That ratio.
+        f_number: f64,
+    },
+    /// One over twice the slope at which the paraxial marginal ray meets the image.
+    WorkingFNumber {
         /// That ratio.
         f_number: f64,
     },
@@ -66,6 +75,12 @@ pub enum FieldPoint {
 
 /// Most fields and wavelengths of a file.
 const LIST_MAX: usize = 1000;
+
+/// Kinds of field: angles, heights of the object, of the paraxial and of the real image.
+const FIELD_KIND_MAX: usize = 3;
+
+/// Wavelengths that are legal, µm.
+const WAVELENGTHS_UM: [f64; 2] = [0.001, 1000.0];
 
 impl ZmxLens {
     /// Reads a file.
@@ -111,6 +126,20 @@ impl<'a> Line<'a> {
         number.ok_or_else(|| self.error(format!("value {} of {} is {word}; legal: a number", place + 1, self.keyword)))
     }
 
+    /// The number at `place`, which must be `is_legal`.
+    fn legal(&self, place: usize, legal: &str, is_legal: impl Fn(f64) -> bool) -> Result<f64, SyntaxError> {
+        let number = self.number(place)?;
+        if is_legal(number) {
+            return Ok(number);
+        }
+        Err(self.error(format!("value {} of {} is {number}; legal: {legal}", place + 1, self.keyword)))
+    }
+
+    /// The number at `place`, which must be above 0.
+    fn positive(&self, place: usize) -> Result<f64, SyntaxError> {
+        self.legal(place, "above 0", |number| number > 0.0)
+    }
+
     /// The number at `place`, or 0 where the line ends before it.
     fn number_or_zero(&self, place: usize) -> Result<f64, SyntaxError> {
         if place < self.values.len() { self.number(place) } else { Ok(0.0) }
@@ -129,8 +158,29 @@ impl<'a> Line<'a> {
         )))
     }
 
+    /// A number of a list.
+    fn count_from_1(&self, place: usize, max: usize) -> Result<usize, SyntaxError> {
+        self.legal(place, &format!("a whole number from 1 to {max}"), |number| number >= 1.0)?;
+        self.count(place, max)
+    }
+
     fn numbers(&self) -> Result<Vec<f64>, SyntaxError> {
         (0..self.values.len().min(LIST_MAX)).map(|place| self.number(place)).collect()
+    }
+
+    /// What limits the beam.
+    fn beam(&self) -> Result<Beam, SyntaxError> {
+        let is_second_kind = self.number_or_zero(1)? == 1.0;
+        Ok(match self.keyword {
+            "ENPD" => Beam::EntrancePupil { diameter_mm: self.positive(0)? },
+            "FNUM" if is_second_kind => Beam::WorkingFNumber { f_number: self.positive(0)? },
+            "FNUM" => Beam::FNumber { f_number: self.positive(0)? },
+            "OBNA" if is_second_kind => {
+                let half_deg = self.legal(0, "above 0 and below 90, degrees", |deg| deg > 0.0 && deg < 90.0)?;
+                Beam::ObjectAperture { sine: half_deg.to_radians().sin() }
+            }
+            _ => Beam::ObjectAperture { sine: self.legal(0, "above 0 and below 1", |sine| sine > 0.0 && sine < 1.0)? },
+        })
     }
 }
 
@@ -143,12 +193,17 @@ struct File {
     beam: Option<Beam>,
     has_paraxial_stop: bool,
     field_kind: usize,
+    /// Where that is stated.
+    field_kind_line: usize,
     field_count: Option<usize>,
     wavelength_count: Option<usize>,
-    field_x: Vec<f64>,
-    field_y: Vec<f64>,
-    wavelengths_nm: BTreeMap<usize, f64>,
-    primary: usize,
+    /// Along x and y, each with its line.
+    fields: [(usize, Vec<f64>); 2],
+    /// By their numbers, each with its line, µm.
+    wavelengths_um: BTreeMap<usize, (usize, f64)>,
+    /// The number of the primary one, with its line.
+    primary: Option<(usize, usize)>,
+    notes: Vec<SyntaxError>,
     catalogues: Vec<String>,
     surfaces: Vec<Entry>,
     last_line: usize,
@@ -163,20 +218,22 @@ impl File {
             }
             "NAME" => self.name = line.rest.to_owned(),
             "UNIT" => self.unit_mm = Some(unit_mm(line)?),
-            "ENPD" => self.beam = Some(Beam::EntrancePupil { diameter_mm: line.number(0)? }),
-            "FNUM" => self.beam = Some(Beam::FNumber { f_number: line.number(0)? }),
-            "OBNA" => self.beam = Some(Beam::ObjectAperture { sine: line.number(0)? }),
+            "ENPD" | "FNUM" | "OBNA" => self.beam = Some(line.beam()?),
             "FLOA" => self.beam = Some(Beam::Stop),
             // Its second value: 0, rays are not aimed; 1, at the paraxial stop; 2, at the real one.
             "RAIM" => self.has_paraxial_stop = line.number_or_zero(1)? == 1.0,
             "FTYP" => self.take_counts(line)?,
-            "XFLN" | "XFLD" => self.field_x = line.numbers()?,
-            "YFLN" | "YFLD" => self.field_y = line.numbers()?,
+            "XFLN" | "XFLD" => self.fields[0] = (line.number, line.numbers()?),
+            "YFLN" | "YFLD" => self.fields[1] = (line.number, line.numbers()?),
             "WAVM" => {
-                self.wavelengths_nm.insert(line.count(0, LIST_MAX)?, 1000.0 * line.number(1)?);
+                self.wavelengths_um.insert(line.count_from_1(0, LIST_MAX)?, (line.number, line.number(1)?));
             }
-            "WAVL" => self.wavelengths_nm = (1..).zip(line.numbers()?.into_iter().map(|um| 1000.0 * um)).collect(),
-            "PWAV" => self.primary = line.count(0, LIST_MAX)?,
+            "WAVL" => {
+                let with_line = line.numbers()?.into_iter().map(|um| (line.number, um));
+                self.wavelengths_um = (1..).zip(with_line).collect();
+            }
+            "PWAV" => self.primary = Some((line.number, line.count_from_1(0, LIST_MAX)?)),
+            "MNUM" | "ENVD" | "VDXN" | "VDYN" | "VCXN" | "VCYN" | "VANN" => self.notes.extend(note(line)?),
             "GCAT" => self.catalogues = line.values.iter().map(|name| (*name).to_owned()).collect(),
             "SURF" => {
                 if self.surfaces.len() > SURFACES_MAX {
@@ -199,7 +256,10 @@ impl File {
 
     /// FTYP: kind of field, whether telecentric, number of fields, number of wavelengths.
     fn take_counts(&mut self, line: &Line<'_>) -> Result<(), SyntaxError> {
-        self.field_kind = line.count(0, 10)?;
+        (self.field_kind, self.field_kind_line) = (line.count(0, FIELD_KIND_MAX)?, line.number);
+        if line.number_or_zero(1)? != 0.0 {
+            return Err(line.error("value 2 of FTYP says that the object is seen telecentrically; legal: 0".to_owned()));
+        }
         if line.values.len() > 3 {
             self.field_count = Some(line.count(2, LIST_MAX)?);
             self.wavelength_count = Some(line.count(3, LIST_MAX)?);
@@ -210,15 +270,18 @@ impl File {
     fn lens(self) -> Result<ZmxLens, SyntaxError> {
         let at_end = |message: &str| SyntaxError { line: self.last_line.max(1), message: message.to_owned() };
         let scale_mm = self.unit_mm.unwrap_or(1.0);
+        let wavelengths_nm = self.wavelengths_nm()?;
+        let fields = self.fields(scale_mm)?;
         let [object, surfaces @ .., image] = &self.surfaces[..] else {
             return Err(at_end("the file ends without a lens: it has no surface between object and image"));
         };
         let mut media = BTreeMap::new();
-        let (mut made, mut lines) = (Vec::new(), Vec::new());
+        let (mut made, mut lines, mut medium_lines) = (Vec::new(), Vec::new(), Vec::new());
         for entry in surfaces {
             let before = made.len();
             entry.surfaces(scale_mm, &mut media, &mut made)?;
             lines.extend(std::iter::repeat_n(entry.line, made.len() - before));
+            medium_lines.extend(std::iter::repeat_n(entry.medium_line(), made.len() - before));
         }
         let spec = PrescriptionSpec {
             name: self.name.clone(),
@@ -239,37 +302,96 @@ impl File {
         })?;
         Ok(ZmxLens {
             prescription,
-            wavelengths_nm: self.wavelengths_nm(),
+            wavelengths_nm,
             beam: self.beam.map(|beam| match beam {
                 Beam::EntrancePupil { diameter_mm } => Beam::EntrancePupil { diameter_mm: diameter_mm * scale_mm },
                 other => other,
             }),
             has_paraxial_stop: self.has_paraxial_stop,
-            fields: self.fields(scale_mm),
+            fields,
             catalogues: self.catalogues,
+            medium_lines,
+            notes: self.notes,
         })
     }
 
     /// The primary wavelength, then the others. The file always holds a full list, of which only the first count.
-    fn wavelengths_nm(&self) -> Vec<f64> {
+    fn wavelengths_nm(&self) -> Result<Vec<f64>, SyntaxError> {
         let count = self.wavelength_count.unwrap_or(LIST_MAX).max(1);
-        let mut used: Vec<(usize, f64)> =
-            self.wavelengths_nm.iter().map(|(k, nm)| (*k, *nm)).filter(|(k, nm)| *k <= count && *nm > 0.0).collect();
-        used.sort_by_key(|(k, _)| *k != self.primary);
-        used.into_iter().map(|(_, nm)| nm).collect()
+        let mut used: Vec<(usize, f64)> = Vec::new();
+        let [shortest, longest] = WAVELENGTHS_UM;
+        for (k, (line, um)) in self.wavelengths_um.range(..=count) {
+            if !(shortest..=longest).contains(um) {
+                let message = format!("wavelength {k} is {um} µm; legal: {shortest} to {longest}");
+                return Err(SyntaxError { line: *line, message });
+            }
+            used.push((*k, 1000.0 * um));
+        }
+        if let Some((line, primary)) = self.primary {
+            if !used.is_empty() && !used.iter().any(|(k, _)| *k == primary) {
+                let message = format!("PWAV is {primary}; legal: the number of one of the {} wavelengths", used.len());
+                return Err(SyntaxError { line, message });
+            }
+            used.sort_by_key(|(k, _)| *k != primary);
+        }
+        Ok(used.into_iter().map(|(_, nm)| nm).collect())
     }
 
-    fn fields(&self, scale_mm: f64) -> Vec<FieldPoint> {
-        let listed = self.field_x.len().max(self.field_y.len());
+    fn fields(&self, scale_mm: f64) -> Result<Vec<FieldPoint>, SyntaxError> {
+        let listed = self.fields.iter().map(|(_, list)| list.len()).max().unwrap_or(0);
         let count = self.field_count.unwrap_or(listed).min(listed);
-        let point = |k: usize| [&self.field_x, &self.field_y].map(|list| list.get(k).copied().unwrap_or(0.0));
+        let used = |axis: usize| self.fields[axis].1.iter().take(count);
+        for (axis, keyword) in ["XFLN", "YFLN"].into_iter().enumerate() {
+            if let Some((place, deg)) =
+                used(axis).enumerate().find(|(_, deg)| self.field_kind == 0 && deg.abs() >= 90.0)
+            {
+                let message =
+                    format!("value {} of {keyword} is {deg}; legal: above -90 and below 90, degrees", place + 1);
+                return Err(SyntaxError { line: self.fields[axis].0, message });
+            }
+        }
+        let is_infinite = self.surfaces.first().is_some_and(|object| object.distance.is_none());
+        if self.field_kind == 1 && is_infinite && [0, 1].into_iter().flat_map(used).any(|height| *height != 0.0) {
+            let message = "value 1 of FTYP is 1, heights of the object, which is infinitely far; legal: 0, angles, or 2 or \
+                           3, heights of the image";
+            return Err(SyntaxError { line: self.field_kind_line, message: message.to_owned() });
+        }
+        let point = |k: usize| [0, 1].map(|axis| self.fields[axis].1.get(k).copied().unwrap_or(0.0));
         let points = (0..count).map(point).map(|point| match self.field_kind {
             0 => FieldPoint::Angle(point),
             1 => FieldPoint::Object(point.map(|height| height * scale_mm)),
             _ => FieldPoint::Image(point.map(|height| height * scale_mm)),
         });
-        points.collect()
+        Ok(points.collect())
     }
+}
+
+/// What a line says that is not followed, if it changes the lens or its rays.
+fn note(line: &Line<'_>) -> Result<Option<SyntaxError>, SyntaxError> {
+    Ok(match line.keyword {
+        "MNUM" => {
+            let count = line.count(0, LIST_MAX)?;
+            let said = format!(
+                "MNUM is {count}: of a lens in {count} configurations the one is read that the file was saved in, number {}",
+                line.number_or_zero(1)?.max(1.0)
+            );
+            (count > 1).then(|| line.error(said))
+        }
+        // Temperature, °C, pressure, atm, and whether indices follow them.
+        "ENVD" => {
+            let [temperature, pressure] = [line.number(0)?, line.number(1)?];
+            let is_followed = line.number_or_zero(2)? == 1.0 && [temperature, pressure] != [20.0, 1.0];
+            let said = format!(
+                "ENVD is {temperature} °C, {pressure} atm: indices are those at 20 °C, 1 atm, lengths as they stand"
+            );
+            is_followed.then(|| line.error(said))
+        }
+        // Vignetting factors, field by field.
+        keyword => {
+            let is_used = line.numbers()?.iter().any(|factor| *factor != 0.0);
+            is_used.then(|| line.error(format!("{keyword}: vignetting factors are left out; rays fill the stop")))
+        }
+    })
 }
 
 fn unit_mm(line: &Line<'_>) -> Result<f64, SyntaxError> {

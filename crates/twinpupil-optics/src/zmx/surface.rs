@@ -21,6 +21,7 @@ pub(super) struct Entry {
     /// To the next surface; none if infinite.
     pub(super) distance: Option<f64>,
     glass: Option<Material>,
+    glass_line: usize,
     is_stop: bool,
     semi_diameter: Option<f64>,
     hole_radius: f64,
@@ -33,6 +34,9 @@ enum Material {
     /// By index and Abbe number.
     Model([f64; 2]),
 }
+
+/// From this distance on programs that write such files take it for infinite.
+const INFINITY: f64 = 1e10;
 
 /// Most parameters of a surface.
 const PARAMETERS_MAX: usize = 500;
@@ -52,6 +56,7 @@ impl Entry {
             extra: BTreeMap::new(),
             distance: Some(0.0),
             glass: None,
+            glass_line: line,
             is_stop: false,
             semi_diameter: None,
             hole_radius: 0.0,
@@ -70,9 +75,13 @@ impl Entry {
             "XDAT" => {
                 self.extra.insert(line.count(0, PARAMETERS_MAX)?, line.number(1)?);
             }
-            "DISZ" => self.distance = if line.word(0)? == "INFINITY" { None } else { Some(line.number(0)?) },
+            "DISZ" => {
+                let is_infinite = line.word(0)?.eq_ignore_ascii_case("INFINITY");
+                let distance = if is_infinite { f64::INFINITY } else { line.number(0)? };
+                self.distance = Some(distance).filter(|distance| distance.abs() < INFINITY);
+            }
             "STOP" => self.is_stop = true,
-            "GLAS" => self.glass = Some(material(line)?),
+            "GLAS" => (self.glass, self.glass_line) = (Some(material(line)?), line.number),
             // Only where a person has fixed it does it stop light; else it is what the rays needed.
             "DIAM" if line.number_or_zero(1)? == 1.0 && line.number(0)? > 0.0 => {
                 self.semi_diameter = Some(line.number(0)?);
@@ -87,12 +96,21 @@ impl Entry {
                 let legal = "CLAP, FLAP, OBSC, SQAP";
                 return Err(line.error(format!("an aperture of kind {} is unknown; legal: {legal}", line.keyword)));
             }
+            "SCBD" if line.numbers()?.iter().skip(1).any(|number| *number != 0.0) => {
+                let message = "SCBD shifts or tilts a surface by itself; legal: surfaces of type COORDBRK about it";
+                return Err(line.error(message.to_owned()));
+            }
             "OBDC" if line.number(0)? != 0.0 || line.number_or_zero(1)? != 0.0 => {
                 return Err(line.error("OBDC moves an aperture off its surface; legal: 0 0".to_owned()));
             }
             _ => {}
         }
         Ok(())
+    }
+
+    /// Where the medium behind it is stated, or else where it begins.
+    pub(super) fn medium_line(&self) -> usize {
+        self.glass_line
     }
 
     /// The surface in mm, or the several breaks that it takes; its glass goes into `media` if it has no name.

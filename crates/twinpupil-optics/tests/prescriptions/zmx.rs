@@ -98,6 +98,79 @@ fn a_lens_in_inches_is_as_long_in_mm() {
 }
 
 #[test]
+fn beams_wavelengths_and_fields_that_mean_nothing_are_refused_with_the_line() {
+    let said = |from: &str, to: &str| {
+        assert!(COOKE.contains(from), "{from}");
+        ZmxLens::read(COOKE.replace(from, to).as_bytes()).unwrap_err().to_string()
+    };
+    assert_eq!(said("ENPD 10", "ENPD 0"), "line 5: value 1 of ENPD is 0; legal: above 0");
+    assert_eq!(said("ENPD 10", "FNUM -4"), "line 5: value 1 of FNUM is -4; legal: above 0");
+    assert_eq!(said("ENPD 10", "OBNA 1 0"), "line 5: value 1 of OBNA is 1; legal: above 0 and below 1");
+    assert_eq!(said("ENPD 10", "OBNA 90 1"), "line 5: value 1 of OBNA is 90; legal: above 0 and below 90, degrees");
+    assert_eq!(
+        said("YFLN 0 14 20", "YFLN 0 14 90"),
+        "line 9: value 3 of YFLN is 90; legal: above -90 and below 90, degrees"
+    );
+    assert_eq!(
+        said("XFLN 0 0", "XFLN 0 -95"),
+        "line 8: value 2 of XFLN is -95; legal: above -90 and below 90, degrees"
+    );
+    assert_eq!(said("WAVM 2 0.55", "WAVM 2 0"), "line 11: wavelength 2 is 0 µm; legal: 0.001 to 1000");
+    assert_eq!(
+        said("WAVM 2 0.55", "WAVM 0 0.55"),
+        "line 11: value 1 of WAVM is 0; legal: a whole number from 1 to 1000"
+    );
+    assert_eq!(said("PWAV 2", "PWAV 4"), "line 14: PWAV is 4; legal: the number of one of the 3 wavelengths");
+    let infinite = said("FTYP 0", "FTYP 1");
+    assert!(
+        infinite.starts_with("line 7: value 1 of FTYP is 1, heights of the object, which is infinitely far"),
+        "{infinite}"
+    );
+    assert_eq!(said("FTYP 0", "FTYP 4"), "line 7: value 1 of FTYP is 4; legal: a whole number up to 3");
+    assert!(said("FTYP 0 0", "FTYP 0 1").starts_with("line 7: value 2 of FTYP"));
+    // What does not count may be anything.
+    read(&COOKE.replace("WAVM 4 0.99", "WAVM 4 0").replace("YFLN 0 14 20 0", "YFLN 0 14 20 95"));
+    let near = COOKE.replace("FTYP 0", "FTYP 1").replace("DISZ INFINITY", "DISZ 100");
+    assert_eq!(read(&near).fields[2], FieldPoint::Object([0.0, 20.0]));
+}
+
+#[test]
+fn beams_are_read_by_their_kind() {
+    let beam = |stated: &str| read(&COOKE.replace("ENPD 10", stated)).beam;
+    assert_eq!(beam("FNUM 4 0"), Some(Beam::FNumber { f_number: 4.0 }));
+    assert_eq!(beam("FNUM 4 1"), Some(Beam::WorkingFNumber { f_number: 4.0 }));
+    assert_eq!(beam("OBNA 0.1 0"), Some(Beam::ObjectAperture { sine: 0.1 }));
+    let Some(Beam::ObjectAperture { sine }) = beam("OBNA 30 1") else { panic!("a cone") };
+    assert!((sine - 0.5).abs() < 1e-15);
+}
+
+#[test]
+fn a_distance_beyond_all_is_infinite() {
+    for far in ["1e10", "1.0E+010", "-1E18", "infinity"] {
+        assert_eq!(read(&COOKE.replace("DISZ INFINITY", &format!("DISZ {far}"))), read(COOKE), "{far}");
+    }
+    assert_eq!(read(&COOKE.replace("DISZ INFINITY", "DISZ 9.9e6")).prescription.object_distance_mm, Some(9.9e6));
+}
+
+#[test]
+fn what_a_file_says_beyond_the_lens_is_noted_with_the_line() {
+    let notes = |more: &str| {
+        let lens = read(&COOKE.replace("GCAT", &format!("{more}\nGCAT")));
+        lens.notes.iter().map(ToString::to_string).collect::<Vec<_>>()
+    };
+    assert!(notes("MNUM 1 1\nENVD 20 1 1\nENVD 35 1 0\nVDXN 0 0 0\nRAIM 0 0 1").is_empty());
+    let [said] = &notes("MNUM 3 2")[..] else { panic!("a note") };
+    assert!(said.starts_with("line 6: MNUM is 3:") && said.ends_with("number 2"), "{said}");
+    assert!(notes("ENVD 35 1 1")[0].starts_with("line 6: ENVD is 35 °C"));
+    assert!(notes("VDXN 0 0\nVCYN 0 0.2")[0].starts_with("line 7: VCYN: vignetting factors"));
+}
+
+#[test]
+fn media_know_their_lines() {
+    assert_eq!(read(COOKE).medium_lines, [23, 25, 31, 32, 39, 40]);
+}
+
+#[test]
 fn a_mirror_at_45_degrees_sends_light_up() {
     // Surfaces as in Optiland's `tests/zemax_files/one_mirror_up_45deg.zmx`.
     let lens = read(
@@ -153,6 +226,8 @@ fn damaged_files_are_refused_with_the_line() {
     assert_eq!(said(&COOKE.replace("DISZ 6.00755", "DISZ nan")), "line 27: value 1 of DISZ is nan; legal: a number");
     let infinite = said(&COOKE.replace("DISZ 6.00755", "DISZ INFINITY"));
     assert!(infinite.starts_with("line 25: the distance behind a surface of the lens is infinite"), "{infinite}");
+    let tilted = said(&COOKE.replacen("SURF 2\n", "SURF 2\n  SCBD 0 0 0 1.5 0\n", 1));
+    assert!(tilted.starts_with("line 26: SCBD shifts or tilts"), "{tilted}");
     let unknown = said(&COOKE.replacen("SURF 2\n", "SURF 2\n  TYPE BINARY_2\n", 1));
     assert!(unknown.starts_with("line 26: surface type BINARY_2 is unknown"), "{unknown}");
     let strong = said(&COOKE.replace("CURV -0.002294838879821", "CURV 1e9"));

@@ -5,7 +5,7 @@ use std::fmt::Write;
 use anyhow::Result;
 use serde::Serialize;
 use twinpupil_instrument::{Band, Instrument, Lens, Projection, ResponseMatrix, ResponseTable};
-use twinpupil_optics::response_table_for;
+use twinpupil_optics::smoothed_response_table_for;
 
 use crate::load::LoadedInstrument;
 use crate::text_table;
@@ -74,7 +74,7 @@ impl Figures {
     pub fn of(loaded: &LoadedInstrument) -> Result<Self> {
         let instrument = &loaded.instrument;
         let sensor = &instrument.sensor;
-        let table = response_table_for(instrument)?;
+        let table = smoothed_response_table_for(instrument)?;
         Ok(Self {
             name: instrument.name.clone(),
             lens: lens(instrument),
@@ -301,6 +301,24 @@ mod tests {
         assert!((at_300.blind_radius_mm.unwrap_or(0.0) - 0.5).abs() < 0.15, "{at_300:?}");
         assert_eq!(figures.response.len(), 3);
         assert_eq!(figures.response[0].bands, [1.0, 0.0]);
+    }
+
+    #[test]
+    fn grooves_do_not_make_masks_clip_farther_out() {
+        let ideal = paper();
+        let (before, rest) = twinpupil_instrument::paper::INSTRUMENT_TOML.split_once("[lens]").expect("a lens");
+        let (_, behind) = rest.split_once("[sensor]").expect("a sensor");
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("camera.toml");
+        for grooves in ["object", "image"] {
+            let lens = format!("[lens]\nmodel = \"fresnel\"\nfocal_length_mm = 100.0\ngrooves = \"{grooves}\"");
+            std::fs::write(&path, format!("{before}{lens}\n[sensor]{behind}")).expect("a file");
+            let figures = Figures::of(&LoadedInstrument::load(&path).expect("legal")).expect("figures");
+            for (own, ideal) in figures.depth.iter().zip(&ideal.depth) {
+                let [own_mm, ideal_mm] = [own, ideal].map(|row| row.clipping_radius_mm.unwrap_or(f64::INFINITY));
+                assert!((own_mm - ideal_mm).abs() < 0.15, "{grooves} {}: {own_mm} {ideal_mm}", own.z_mm);
+            }
+        }
     }
 
     #[test]

@@ -191,15 +191,97 @@ fn a_lens_is_shown_and_drawn() {
     assert_eq!(shown["beam"]["aberrations"].as_array().unwrap().len(), 12);
 
     // The chief ray at 24.588739, the paraxial one at 24.846684.
-    let text = workplace.succeed(&format!("optics spot lens.toml {used} --rays 100"));
+    let text = workplace.succeed(&format!("optics spot lens.toml {used} --rays 100 --svg spot.svg"));
     assert!(text.contains("-1.038") && text.contains("24.58874"), "{text}");
     assert_eq!(text.lines().count(), 1 + 5 * 3);
+    // A file is what its name says.
+    workplace.succeed(&format!("optics spot lens.toml {used} --rays 100 -o spot.csv"));
+    let csv = workplace.read("spot.csv");
+    assert!(
+        csv.starts_with("field_deg,wavelength_nm,chief_mm,distortion,centre_mm,rms_mm,largest_mm,arrived,launched\n")
+    );
+    assert_eq!((csv.lines().count(), csv.matches(",100,100\n").count()), (1 + 5 * 3, 15), "{csv}");
+    workplace.succeed(&format!("optics spot lens.toml {used} --rays 100 -o same.svg"));
+    let svg = workplace.read("spot.svg");
+    assert_eq!(svg, workplace.read("same.svg"));
+    // Five spots of three wavelengths, some 300 rays each, and what they come to over the field.
+    assert!(svg.matches("<circle").count() > 5 * 3 * 250 && svg.contains("Over the field") && !svg.contains("NaN"));
+    workplace.succeed(&format!("optics show lens.toml {used} -o show.csv"));
+    let csv = workplace.read("show.csv");
+    assert!(csv.starts_with("quantity,wavelength_nm,surface,value\nfocal_length_mm,587.6000,,100.0037"), "{csv}");
+    assert!(csv.contains("\nspherical_mm,587.6000,0,") && csv.contains("\nlateral_colour_mm,587.6000,sum,"), "{csv}");
+    let error = workplace.fail(&format!("optics show lens.toml {used} -o show.png"));
+    assert!(error.contains("legal for -o: a name that ends in .csv, .json or .svg"), "{error}");
+    for wrong in ["psf lens.toml --png psf.svg", "fan lens.toml --svg fan.png"] {
+        let output = workplace.run(&format!("optics {wrong} {used}"));
+        let error = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.code() == Some(2) && error.contains("legal: a name that ends in ."), "{error}");
+    }
 
     let error = workplace.fail("optics spot lens.toml");
     assert!(error.contains("nothing limits the beam; state --pupil-mm"), "{error}");
     workplace.write("bad.zmx", "SURF 0\nSURF 1\nTYPE BINARY_2\nSURF 2\n");
     let error = workplace.fail("optics show bad.zmx");
     assert!(error.contains("bad.zmx: line 3: surface type BINARY_2 is unknown"), "{error}");
+    let double_gauss = include_str!("../../../../docs/lenses/double-gauss.zmx");
+    workplace.write("glass.zmx", double_gauss.replace("GLAS N-SK2 ", "GLAS N-XX2 "));
+    for command in ["optics show glass.zmx", "design glass.zmx --distance-mm 300 -o camera"] {
+        let error = workplace.fail(command);
+        assert!(error.starts_with("glass.zmx: line 34: `surface[2].medium` is N-XX2; legal: one of "), "{error}");
+    }
+    let error = workplace.fail("design lens.toml --distance-mm 30 --near-mm 20 --far-mm 40 -o camera");
+    assert!(error.starts_with("lens.toml: objects must be farther from the lens"), "{error}");
+    workplace.write("zoom.zmx", double_gauss.replace("MODE SEQ", "MNUM 2 1"));
+    let output = workplace.run("optics show zoom.zmx");
+    let warning = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success() && warning.starts_with("zoom.zmx: line 3: MNUM is 2:"), "{warning}");
+    // An F-number of 2 wherever the object is: f/2 of light from infinity.
+    workplace.write("f.zmx", double_gauss.replace("ENPD 50", "FNUM 2 1"));
+    assert!(workplace.succeed("optics show f.zmx").contains("f/2.0000"));
+}
+
+#[test]
+fn surfaces_without_sums_of_third_order_are_told() {
+    let workplace = Workplace::new();
+    let lens = "[[surface]]\nshape = { kind = \"fresnel\", radius_mm = 50.0 }\nmedium = \"PMMA\"\ngap_mm = 2.0\n\
+                [[surface]]\nshape = { kind = \"cylinder\", radius_mm = -80.0, curved = \"x\" }\ngap_mm = 100.0\n";
+    workplace.write("lens.toml", lens);
+    let text = workplace.succeed("optics show lens.toml --pupil-mm 10 --field-deg 5");
+    let row = |start: &str| text.lines().find(|line| line.trim_start().starts_with(start)).unwrap_or_default();
+    assert_eq!(
+        (row("0 ").matches('–').count(), row("1 ").matches('–').count(), row("sum").matches('–').count()),
+        (5, 0, 5)
+    );
+    assert!(text.contains("surface 0: facets of a Fresnel lens") && text.contains("surface 1: a cylinder"), "{text}");
+    let json: serde_json::Value =
+        serde_json::from_str(&workplace.succeed("optics show lens.toml --pupil-mm 10 --json")).unwrap();
+    let sum = &json["beam"]["aberrations"][2];
+    assert!(sum["spherical_mm"].is_null() && sum["axial_colour_mm"].is_f64(), "{json}");
+}
+
+#[test]
+fn numbers_that_mean_nothing_are_wrong_usage() {
+    let workplace = Workplace::new();
+    for (command, option, value, legal) in [
+        ("optics show x.zmx --pupil-mm 0", "--pupil-mm", "0", "above 0, up to 1e6"),
+        ("optics psf x.zmx --pupil-mm nan", "--pupil-mm", "nan", "above 0, up to 1e6"),
+        ("optics spot x.zmx --pupil-mm 1e9", "--pupil-mm", "1e9", "above 0, up to 1e6"),
+        ("optics spot x.zmx --pupil-mm -2", "--pupil-mm", "-2", "above 0, up to 1e6"),
+        ("optics show x.zmx --field-deg 90", "--field-deg", "90", "0 or more, below 90"),
+        ("optics fan x.zmx --field-deg inf", "--field-deg", "inf", "0 or more, below 90"),
+        ("optics show x.zmx --wavelength-nm nan", "--wavelength-nm", "nan", "1 to 1e6"),
+        ("optics distortion x.toml --z-mm 0", "--z-mm", "0", "above 0, up to 1e7"),
+        ("optics mtf x.toml --to-per-mm nan", "--to-per-mm", "nan", "above 0, up to 1e6"),
+        ("design x.zmx --distance-mm nan", "--distance-mm", "nan", "above 0, up to 1e7"),
+        ("design x.zmx --distance-mm 300 --clearance-mm -1", "--clearance-mm", "-1", "0 to 1e6"),
+        ("design x.zmx --distance-mm 300 --brightness-e inf", "--brightness-e", "inf", "above 0, up to 1e9"),
+    ] {
+        let output = workplace.run(command);
+        let error = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(2), "{command}: {error}");
+        assert!(error.contains(&format!("invalid value '{value}' for '{option}")), "{command}: {error}");
+        assert!(error.contains(&format!("legal: {legal}")), "{command}: {error}");
+    }
 }
 
 #[test]
@@ -207,10 +289,11 @@ fn a_lens_is_asked_about_rays_wavefront_images_and_contrast() {
     let workplace = Workplace::new();
     workplace.write("lens.toml", include_str!("../../../twinpupil-optics/tests/lenses/cooke-triplet.toml"));
     let used = "--wavelength-nm 550 --pupil-mm 10 --field-deg 20";
-    // Optiland has 0.5286 at 50 cycles/mm on the axis by a transform that takes directions as even, 0.5262 by a sum of rays.
+    // Optiland has 0.5286 at 50 cycles/mm on the axis by a transform that takes directions as even, 0.5262 by a sum of 200 rays
+    // across, of which those on the rim count whole or not. Here grids of 64 to 800 places across come to 0.5255 … 0.5253.
     let text = workplace.succeed(&format!("optics mtf lens.toml {used} --to-per-mm 50 --gratings 2 --svg mtf.svg"));
     let contrast = text.lines().find_map(|line| line.split_once("50.0000")?.1.split_whitespace().next()?.parse().ok());
-    assert!(contrast.is_some_and(|found: f64| (found - 0.5262).abs() < 5e-4), "{text}");
+    assert!(contrast.is_some_and(|found: f64| (found - 0.5262).abs() < 1e-3), "{text}");
     assert_eq!(text.lines().count(), 1 + 3 * 2, "{text}");
     let csv = workplace.succeed(&format!("optics distortion lens.toml {used} --points 3 --csv --svg distortion.svg"));
     assert!(csv.starts_with("field_deg,wavelength_nm,ideal_mm,chief_mm,distortion,"), "{csv}");
@@ -245,6 +328,21 @@ fn a_camera_is_asked_in_its_bands() {
     assert!(text.contains("Airy") && text.contains("r = 6.000 mm"), "{text}");
     let spots = workplace.succeed("optics spot camera/instrument.toml --r-mm 6 --rays 50");
     assert!(spots.contains("50 of 50"), "{spots}");
+    let text = workplace.succeed("optics show camera/instrument.toml --svg camera.svg");
+    assert!(text.contains("telecentric") && text.contains("to 0.61 blue; beyond red"), "{text}");
+    let svg = workplace.read("camera.svg");
+    // Each band passes its own pupil and is passed beside the other's: a mask of each colour, above the pupil and below it.
+    let [red, blue] = ["#d55e00", "#0072b2"];
+    for ink in [red, blue] {
+        let is_mask = |line: &&str| line.contains(ink) && !line.contains("stroke-opacity");
+        // Two sides of a mask and the legend.
+        assert_eq!(svg.lines().filter(is_mask).count(), 2 + 2 + 1, "{ink}: {svg}");
+        let rays = svg.lines().filter(|line| line.contains(ink) && line.contains("stroke-opacity"));
+        assert_eq!(rays.count(), 3 * 3, "{ink}");
+    }
+    assert!(svg.contains("mask 0") && svg.contains("mask 1") && !svg.contains("NaN"));
+    let csv = workplace.succeed("optics show camera/instrument.toml --csv");
+    assert!(csv.starts_with("band,role,wavelength_nm,focal_length_mm,") && csv.lines().count() == 3, "{csv}");
     let error = workplace.fail("optics psf camera/instrument.toml --field-deg 3");
     assert!(error.contains("--field-deg is for a lens"), "{error}");
     let error = workplace.fail("optics mtf paper");

@@ -12,6 +12,7 @@ use serde::Serialize;
 use twinpupil_instrument::{DepthRange, Instrument, MaskPlace, PrescriptionLens};
 
 use super::destination::pretty;
+use super::options::{distance_mm, extent_mm, number, size_mm};
 use crate::console::Console;
 use crate::design::{Check, Choice, Design, Light, Wishes, best, check, choices, design, sweep};
 use crate::io::folder::FolderOutputs;
@@ -38,6 +39,7 @@ enum Command {
 
 /// `twinpupil design LENS …`.
 #[derive(Debug, clap::Args)]
+#[command(allow_negative_numbers = true)]
 struct CameraArgs {
     /// Lens: a `.zmx` file, or a prescription in TOML
     lens: PathBuf,
@@ -45,43 +47,43 @@ struct CameraArgs {
     #[arg(long, value_name = "FILE")]
     agf: Vec<PathBuf>,
     /// Scale the lens to this focal length, mm
-    #[arg(long, value_name = "MM")]
+    #[arg(long, value_name = "MM", value_parser = number("0.1 to 1e5", |mm| (0.1..=1e5).contains(mm)))]
     focal_length_mm: Option<f64>,
     /// Instrument whose sensor and bands the camera is to have
     #[arg(long, value_name = "FILE", default_value = "paper")]
     like: PathBuf,
     /// Distance in front of the front principal plane that is to be in focus, mm
-    #[arg(long, value_name = "MM")]
+    #[arg(long, value_name = "MM", value_parser = distance_mm())]
     distance_mm: f64,
     /// Nearest distance of objects, mm; 0.85 of the distance if left out
-    #[arg(long, value_name = "MM")]
+    #[arg(long, value_name = "MM", value_parser = distance_mm())]
     near_mm: Option<f64>,
     /// Farthest distance of objects, mm; 1.18 of the distance if left out
-    #[arg(long, value_name = "MM")]
+    #[arg(long, value_name = "MM", value_parser = distance_mm())]
     far_mm: Option<f64>,
     /// Diameter of the dots by which depth is judged, mm
-    #[arg(long, value_name = "MM", default_value_t = 1.0)]
+    #[arg(long, value_name = "MM", value_parser = size_mm(), default_value_t = 1.0)]
     diameter_mm: f64,
     /// Electrons of a dot through a pupil as wide on the lens as a hundredth of the focal length, in radius
-    #[arg(long, value_name = "E", default_value_t = 20_000.0)]
+    #[arg(long, value_name = "E", value_parser = number("above 0, up to 1e9", |e| *e > 0.0 && *e <= 1e9), default_value_t = 20_000.0)]
     brightness_e: f64,
     /// Largest radius about the axis in which a band may see nothing, mm
-    #[arg(long, value_name = "MM", default_value_t = 1.0)]
+    #[arg(long, value_name = "MM", value_parser = extent_mm(), default_value_t = 1.0)]
     blind_mm: f64,
     /// Radius within which masks keep clear of glass, mm
-    #[arg(long, value_name = "MM", default_value_t = 8.0)]
+    #[arg(long, value_name = "MM", value_parser = size_mm(), default_value_t = 8.0)]
     mask_radius_mm: f64,
     /// How far masks keep from glass, mm
-    #[arg(long, value_name = "MM", default_value_t = 0.5)]
+    #[arg(long, value_name = "MM", value_parser = extent_mm(), default_value_t = 0.5)]
     clearance_mm: f64,
     /// Surface behind which the entocentric mask goes, from 0; else where it appears nearest to the principal planes
     #[arg(long, value_name = "N", requires = "position_mm")]
     surface: Option<usize>,
     /// How far behind that surface it goes, mm
-    #[arg(long, value_name = "MM", requires = "surface", allow_negative_numbers = true)]
+    #[arg(long, value_name = "MM", value_parser = number("-1e6 to 1e6", |mm| mm.abs() <= 1e6), requires = "surface")]
     position_mm: Option<f64>,
     /// Radii of the telecentric and the entocentric mask, mm, instead of the most precise ones
-    #[arg(long, value_name = "MM", num_args = 2)]
+    #[arg(long, value_name = "MM", value_parser = size_mm(), num_args = 2)]
     radii_mm: Option<Vec<f64>>,
     /// Folder for the instrument, the report and the series behind it
     #[arg(short, long, value_name = "FOLDER", default_value = "twinpupil-design")]
@@ -127,7 +129,7 @@ fn run_camera(args: &CameraArgs, console: &Console) -> Result<()> {
 }
 
 fn designed(args: &CameraArgs, console: &Console) -> Result<Designed> {
-    let design = design(wishes(args)?)?;
+    let design = design(wishes(args, console)?).with_context(|| args.lens.display().to_string())?;
     let light = Light { diameter_mm: args.diameter_mm, brightness_e: args.brightness_e };
     let radii_mm = match args.radii_mm.as_deref() {
         Some([telecentric, entocentric]) => vec![[*telecentric, *entocentric]],
@@ -151,10 +153,12 @@ fn name(args: &CameraArgs) -> String {
     args.lens.file_stem().map_or("camera".to_owned(), |stem| stem.to_string_lossy().into_owned())
 }
 
-fn wishes(args: &CameraArgs) -> Result<Wishes> {
+fn wishes(args: &CameraArgs, console: &Console) -> Result<Wishes> {
+    let (prescription, warnings) = read_with_glasses(&args.lens, &args.agf)?;
+    warnings.iter().for_each(|warning| console.note(warning));
     let lens = PrescriptionLens {
         focal_length_mm: args.focal_length_mm,
-        prescription: Some(read_with_glasses(&args.lens, &args.agf)?),
+        prescription: Some(prescription),
         ..PrescriptionLens::default()
     };
     let depth_range = DepthRange {

@@ -1,26 +1,27 @@
 //! How an answer is given: as a text, as JSON or CSV, and drawn.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use clap::Args;
 use serde::Serialize;
 
 use crate::commands::destination::{Destination, pretty};
+use crate::commands::options::file_of;
 use crate::io::output::Outputs;
 use crate::io::table::Table;
 
-/// The forms of an answer.
+/// The forms of an answer. Without one of them, a file is written as its name says: .csv, .json, .svg, or else as text.
 #[derive(Debug, Args)]
 pub(super) struct Form {
     /// As JSON
     #[arg(long, conflicts_with = "csv")]
     json: bool,
-    /// As CSV, which is also what an output file of that name gets
+    /// As CSV
     #[arg(long)]
     csv: bool,
     /// Draw it as SVG
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = file_of("svg"))]
     svg: Option<PathBuf>,
     /// Where it goes.
     #[command(flatten)]
@@ -36,6 +37,11 @@ pub(super) trait Answer: Serialize {
 }
 
 impl Form {
+    /// Whether a drawing is asked for.
+    pub(super) fn is_drawn(&self) -> bool {
+        self.svg.is_some() || (ending(self.to.path()) == "svg" && !self.json && !self.csv)
+    }
+
     /// Gives an answer, with its drawing if one is asked for; all files or none are written.
     pub(super) fn give(&self, answer: &impl Answer, svg: impl FnOnce() -> String) -> Result<()> {
         self.give_with(answer, svg, Outputs::new())
@@ -49,16 +55,27 @@ impl Form {
         mut outputs: Outputs,
     ) -> Result<()> {
         let path = self.to.path();
-        let is_csv = path.and_then(|path| path.extension()).is_some_and(|end| end.eq_ignore_ascii_case("csv"));
-        let bytes = match () {
-            () if self.json => pretty(answer)?.into_bytes(),
-            () if self.csv || is_csv => answer.table().to_csv(),
-            () => answer.text().into_bytes(),
+        let ending = ending(path);
+        let drawing = if self.is_drawn() { svg().into_bytes() } else { Vec::new() };
+        let bytes = match ending.as_str() {
+            _ if self.json => pretty(answer)?.into_bytes(),
+            _ if self.csv => answer.table().to_csv(),
+            "csv" => answer.table().to_csv(),
+            "json" => pretty(answer)?.into_bytes(),
+            "svg" => drawing.clone(),
+            "png" => bail!("an answer is no picture; legal for -o: a name that ends in .csv, .json or .svg, or a text"),
+            _ => answer.text().into_bytes(),
         };
         outputs.add_or_print(path, bytes);
         if let Some(path) = &self.svg {
-            outputs.add(path, svg().into_bytes());
+            outputs.add(path, drawing);
         }
         outputs.commit()
     }
+}
+
+/// The ending of a file's name in lower case; empty without one.
+fn ending(path: Option<&Path>) -> String {
+    let ending = path.and_then(Path::extension).map(|ending| ending.to_string_lossy().to_lowercase());
+    ending.unwrap_or_default()
 }

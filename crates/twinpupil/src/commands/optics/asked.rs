@@ -9,6 +9,8 @@ use twinpupil_instrument::{Instrument, Lens, builtin};
 use twinpupil_optics::{BandImager, Field, Imager, PupilFunction, Sight};
 
 use super::used::{LensArgs, Used};
+use crate::commands::options::{distance_mm, extent_mm};
+use crate::console::Console;
 use crate::io::input;
 use crate::io::table::{Cells, Table};
 use crate::load::LoadedInstrument;
@@ -19,13 +21,23 @@ use crate::plot;
 pub(super) struct AskedArgs {
     /// The lens; an instrument file with `lens.model = "prescription"` is asked in its bands, through its masks.
     #[command(flatten)]
-    lens: LensArgs,
+    pub(super) lens: LensArgs,
     /// Of a camera: distance of objects from the front principal plane, mm; else where it is in focus
-    #[arg(long, value_name = "MM")]
+    #[arg(long, value_name = "MM", value_parser = distance_mm())]
     z_mm: Option<f64>,
     /// Of a camera: largest distance of objects from the axis, mm; else what all bands see on the sensor
-    #[arg(long, value_name = "MM")]
+    #[arg(long, value_name = "MM", value_parser = extent_mm())]
     r_mm: Option<f64>,
+}
+
+impl AskedArgs {
+    /// A lens has no objects at a distance of their own.
+    pub(super) fn refuse_for_lens(&self) -> Result<()> {
+        if self.z_mm.is_some() || self.r_mm.is_some() {
+            bail!("{}: --z-mm and --r-mm are for an instrument file; this is a lens", self.lens.lens.display());
+        }
+        Ok(())
+    }
 }
 
 /// What is asked about.
@@ -75,32 +87,31 @@ pub(super) struct About {
 }
 
 /// Parts of the field of a lens that tell of all of it.
-const LENS_FIELDS: [f64; 3] = [0.0, 0.7, 1.0];
+pub(super) const LENS_FIELDS: [f64; 3] = [0.0, 0.7, 1.0];
 
 /// The same of a camera, which is blind about its axis.
-const CAMERA_FIELDS: [f64; 3] = [0.4, 0.7, 1.0];
+pub(super) const CAMERA_FIELDS: [f64; 3] = [0.4, 0.7, 1.0];
 
 impl Asked {
     /// A lens or a camera at some points of its field.
-    pub(super) fn at_some_points(args: &AskedArgs) -> Result<Self> {
+    pub(super) fn at_some_points(args: &AskedArgs, console: &Console) -> Result<Self> {
         let fields = if is_instrument(&args.lens.lens)? { CAMERA_FIELDS } else { LENS_FIELDS };
-        Self::load(args, &fields)
+        Self::load(args, &fields, console)
     }
 
     /// A lens, by the parts of its field, or a camera by those of its own.
-    pub(super) fn load(args: &AskedArgs, parts: &[f64]) -> Result<Self> {
+    pub(super) fn load(args: &AskedArgs, parts: &[f64], console: &Console) -> Result<Self> {
         let path = args.lens.lens.as_path();
         if is_instrument(path)? {
             return Self::of_camera(&LoadedInstrument::load(path)?.instrument, args, parts)
                 .with_context(|| path.display().to_string());
         }
-        if args.z_mm.is_some() || args.r_mm.is_some() {
-            bail!("{}: --z-mm and --r-mm are for an instrument file; this is a lens", path.display());
-        }
-        Self::of_lens(&Used::load(&args.lens)?, parts)
+        args.refuse_for_lens()?;
+        Self::of_lens(&Used::load(&args.lens, console)?, parts)
     }
 
-    fn of_lens(used: &Used, parts: &[f64]) -> Result<Self> {
+    /// A lens as it is used.
+    pub(super) fn of_lens(used: &Used, parts: &[f64]) -> Result<Self> {
         let colour = |(k, nm): (usize, &f64)| {
             Ok(Colour { name: format!("{nm} nm"), band: None, wavelength_nm: *nm, imager: used.imager(k)? })
         };
@@ -113,16 +124,11 @@ impl Asked {
         Ok(Self { fields: parts_of(used.field_slope, parts).iter().map(field).collect(), colours, z_mm: None })
     }
 
-    fn of_camera(instrument: &Instrument, args: &AskedArgs, parts: &[f64]) -> Result<Self> {
+    /// A camera in its bands.
+    pub(super) fn of_camera(instrument: &Instrument, args: &AskedArgs, parts: &[f64]) -> Result<Self> {
         args.lens.refuse_for_camera()?;
         let z_mm = args.z_mm.unwrap_or_else(|| instrument.focus_distance_mm());
-        if !(z_mm > 0.0 && z_mm <= 1e7) {
-            bail!("--z-mm is {z_mm}; legal: above 0, to 1e7");
-        }
         let largest_mm = args.r_mm.unwrap_or_else(|| seen_radius_mm(instrument, z_mm));
-        if !(0.0..=1e6).contains(&largest_mm) {
-            bail!("--r-mm is {largest_mm}; legal: 0 to 1e6");
-        }
         let mut bands = Vec::new();
         for index in instrument.bands_by_role() {
             let band = &instrument.bands[index];
@@ -159,6 +165,11 @@ impl Asked {
     /// Those at one point of the field.
     pub(super) fn views_at(&self, field: usize) -> impl Iterator<Item = View<'_>> {
         (0..self.colours.len()).map(move |colour| View { asked: self, colour, field })
+    }
+
+    /// Of a camera, the distance of objects, mm.
+    pub(super) fn z_mm(&self) -> Option<f64> {
+        self.z_mm
     }
 
     pub(super) fn is_camera(&self) -> bool {
@@ -228,7 +239,7 @@ fn seen_radius_mm(instrument: &Instrument, z_mm: f64) -> f64 {
 }
 
 /// Whether a file is an instrument: it has a sensor.
-fn is_instrument(path: &Path) -> Result<bool> {
+pub(super) fn is_instrument(path: &Path) -> Result<bool> {
     if path.to_str().and_then(builtin::toml).is_some() {
         return Ok(true);
     }
@@ -240,6 +251,11 @@ fn is_instrument(path: &Path) -> Result<bool> {
 }
 
 impl<'a> View<'a> {
+    /// The point of the field.
+    pub(super) fn point_of_field(&self) -> Field {
+        self.point().0
+    }
+
     fn point(&self) -> (Field, f64) {
         self.asked.fields[self.field].points[self.colour]
     }

@@ -7,6 +7,7 @@ use serde::Serialize;
 use super::answer::{Answer, Form};
 use super::asked::{Asked, AskedArgs, View};
 use super::rows::{Rows, cell};
+use crate::console::Console;
 use crate::io::table::Table;
 use crate::plot::{Chart, Stroke};
 use crate::plot_sheet::sheet;
@@ -41,9 +42,9 @@ struct Row {
 }
 
 /// Runs `twinpupil optics distortion`.
-pub(super) fn run(args: &Args) -> Result<()> {
+pub(super) fn run(args: &Args, console: &Console) -> Result<()> {
     let parts: Vec<f64> = (0..args.points).map(|k| f64::from(k) / f64::from(args.points - 1)).collect();
-    let asked = Asked::load(&args.asked, &parts)?;
+    let asked = Asked::load(&args.asked, &parts, console)?;
     let rows = Rows::new(&asked, asked.views().iter().map(|view| vec![Row::of(view)]));
     args.form.give(&rows, || drawing(&rows))
 }

@@ -8,6 +8,7 @@ use twinpupil_optics::{Deviation, Sight};
 use super::answer::{Answer, Form};
 use super::asked::{Asked, AskedArgs, View};
 use super::rows::{Rows, cell};
+use crate::console::Console;
 use crate::io::table::Table;
 use crate::plot::{Chart, Stroke};
 use crate::plot_sheet::sheet;
@@ -49,8 +50,8 @@ struct Row {
 }
 
 /// Runs `twinpupil optics fan`.
-pub(super) fn run(args: &Args) -> Result<()> {
-    let asked = Asked::at_some_points(&args.asked)?;
+pub(super) fn run(args: &Args, console: &Console) -> Result<()> {
+    let asked = Asked::at_some_points(&args.asked, console)?;
     let rows = Rows::new(&asked, asked.views().iter().map(|view| rows(view, args.places)));
     args.form.give(&rows, || drawing(&asked))
 }

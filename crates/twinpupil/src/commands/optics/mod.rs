@@ -9,11 +9,14 @@ mod mtf;
 mod psf;
 mod rows;
 mod show;
+mod show_camera;
 mod spot;
 mod used;
 
 use anyhow::Result;
 use clap::Subcommand;
+
+use crate::console::Console;
 
 /// `twinpupil optics …`.
 #[derive(Debug, Subcommand)]
@@ -33,13 +36,13 @@ pub enum Command {
 }
 
 /// Runs `twinpupil optics`.
-pub fn run(command: &Command) -> Result<()> {
+pub fn run(command: &Command, console: &Console) -> Result<()> {
     match command {
-        Command::Show(args) => show::run(args),
-        Command::Spot(args) => spot::run(args),
-        Command::Fan(args) => fan::run(args),
-        Command::Distortion(args) => distortion::run(args),
-        Command::Psf(args) => psf::run(args),
-        Command::Mtf(args) => mtf::run(args),
+        Command::Show(args) => show::run(args, console),
+        Command::Spot(args) => spot::run(args, console),
+        Command::Fan(args) => fan::run(args, console),
+        Command::Distortion(args) => distortion::run(args, console),
+        Command::Psf(args) => psf::run(args, console),
+        Command::Mtf(args) => mtf::run(args, console),
     }
 }

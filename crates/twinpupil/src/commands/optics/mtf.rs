@@ -1,6 +1,6 @@
 //! `twinpupil optics mtf`: contrast of gratings in the image.
 
-use anyhow::{Result, bail};
+use anyhow::Result;
 use clap::Args as ClapArgs;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -9,6 +9,8 @@ use twinpupil_optics::Contrast;
 use super::answer::{Answer, Form};
 use super::asked::{Asked, AskedArgs, Pupil, View};
 use super::rows::{Rows, cell};
+use crate::commands::options::number;
+use crate::console::Console;
 use crate::io::table::Table;
 use crate::plot::{Chart, Stroke};
 use crate::plot_sheet::sheet;
@@ -21,10 +23,10 @@ pub struct Args {
     /// What is asked about.
     #[command(flatten)]
     asked: AskedArgs,
-    /// Finest grating, cycles/mm; else half of what the aperture lets through
-    #[arg(long, value_name = "CYCLES")]
+    /// Finest grating, cycles/mm in the image; else half of the finest that the aperture lets through, rounded down
+    #[arg(long, value_name = "CYCLES", value_parser = number("above 0, up to 1e6", |per_mm| *per_mm > 0.0 && *per_mm <= 1e6))]
     to_per_mm: Option<f64>,
-    /// Gratings from none to the finest
+    /// How many gratings, evenly from 0 cycles/mm to the finest
     #[arg(long, value_name = "N", default_value_t = 11, value_parser = clap::value_parser!(u16).range(2..=1001))]
     gratings: u16,
     /// How it is given.
@@ -52,14 +54,10 @@ struct Seen<'a> {
 }
 
 /// Runs `twinpupil optics mtf`.
-pub(super) fn run(args: &Args) -> Result<()> {
-    let asked = Asked::at_some_points(&args.asked)?;
+pub(super) fn run(args: &Args, console: &Console) -> Result<()> {
+    let asked = Asked::at_some_points(&args.asked, console)?;
     let seen = asked.views().into_par_iter().map(Seen::of).collect::<Result<Vec<_>>>()?;
-    let finest_per_mm = match args.to_per_mm {
-        Some(per_mm) if per_mm > 0.0 && per_mm <= 1e6 => per_mm,
-        Some(per_mm) => bail!("--to-per-mm is {per_mm}; legal: above 0, to 1e6"),
-        None => half_of_all(&seen),
-    };
+    let finest_per_mm = args.to_per_mm.unwrap_or_else(|| half_of_all(&seen));
     let of_views: Vec<Vec<Row>> = seen.par_iter().map(|seen| seen.rows(finest_per_mm, args.gratings)).collect();
     args.form.give(&Rows::new(&asked, of_views), || drawing(&asked, &seen, finest_per_mm))
 }

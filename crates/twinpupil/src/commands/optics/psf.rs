@@ -2,15 +2,17 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Result, bail};
+use anyhow::Result;
 use clap::Args as ClapArgs;
 use rayon::prelude::*;
 use serde::Serialize;
-use twinpupil_optics::{Encircled, Psf};
+use twinpupil_optics::{Encircled, EncircledWaves, Psf};
 
 use super::answer::{Answer, Form};
 use super::asked::{About, Asked, AskedArgs, Pupil, View};
 use super::rows::cell;
+use crate::commands::options::{file_of, size_mm};
+use crate::console::Console;
 use crate::io::encode_rgb8;
 use crate::io::output::Outputs;
 use crate::io::table::{Cells, Table};
@@ -25,11 +27,11 @@ pub struct Args {
     #[command(flatten)]
     asked: AskedArgs,
     /// How far from the chief ray the image is told, mm; else as far as most light of any point reaches
-    #[arg(long, value_name = "MM")]
+    #[arg(long, value_name = "MM", value_parser = size_mm())]
     reach_mm: Option<f64>,
     /// Pictures of the images by diffraction as PNG: fields under each other, colours beside each other, every one to its
     /// own brightest place, by the root of the light
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = file_of("png"))]
     png: Option<PathBuf>,
     /// How it is given.
     #[command(flatten)]
@@ -49,7 +51,7 @@ const FILLED: f64 = 0.1;
 const SHARE: f64 = 0.8;
 
 /// The first dark ring of a lens without aberrations, in λ over the numerical aperture [Goodman, sec. 4.4.2].
-const DARK_RING: f64 = 0.609_834_9;
+pub(super) const DARK_RING: f64 = 0.609_834_9;
 
 /// The image of one point in one colour. Without light there are no numbers; by diffraction there are none where the
 /// wavefront is too steep to be told from the rays.
@@ -81,7 +83,7 @@ struct Seen<'a> {
 
 struct Light {
     pupil: Pupil,
-    waves: Option<(Psf, Encircled)>,
+    waves: Option<(Psf, EncircledWaves)>,
     rays: Encircled,
 }
 
@@ -98,14 +100,10 @@ impl Serialize for Images<'_> {
 }
 
 /// Runs `twinpupil optics psf`.
-pub(super) fn run(args: &Args) -> Result<()> {
-    let asked = Asked::at_some_points(&args.asked)?;
+pub(super) fn run(args: &Args, console: &Console) -> Result<()> {
+    let asked = Asked::at_some_points(&args.asked, console)?;
     let seen = asked.views().into_par_iter().map(Seen::of).collect::<Result<Vec<_>>>()?;
-    let reach_mm = match args.reach_mm {
-        Some(mm) if mm > 0.0 && mm <= 1e6 => mm,
-        Some(mm) => bail!("--reach-mm is {mm}; legal: above 0, to 1e6"),
-        None => reach_of_all_mm(&seen),
-    };
+    let reach_mm = args.reach_mm.unwrap_or_else(|| reach_of_all_mm(&seen));
     let images = Images { asked: &asked, seen, reach_mm };
     let mut outputs = Outputs::new();
     if let Some(path) = &args.png {

@@ -1,34 +1,29 @@
-//! `twinpupil optics show`: a lens to first and third order, and its section with rays.
+//! `twinpupil optics show`: a lens to first and third order, and its section with rays; a camera is in `show_camera`.
 
-use std::path::PathBuf;
-
-use anyhow::Result;
+use anyhow::{Context, Result};
 use clap::Args as ClapArgs;
 use serde::Serialize;
-use twinpupil_instrument::paraxial_rays;
+use twinpupil_instrument::{Shape, paraxial_rays};
 use twinpupil_optics::{ChromaticSums, FirstOrder, SeidelSums};
 
-use super::layout;
-use super::used::{LensArgs, Used};
-use crate::commands::destination::{Destination, pretty};
-use crate::io::output;
+use super::answer::{Answer, Form};
+use super::asked::{Asked, AskedArgs, LENS_FIELDS, is_instrument};
+use super::layout::{Drawn, svg};
+use super::show_camera;
+use super::used::Used;
+use crate::console::Console;
+use crate::io::table::{Cells, Table};
 use crate::text_table::render;
 
 /// `twinpupil optics show …`.
 #[derive(Debug, ClapArgs)]
 pub struct Args {
-    /// The lens.
+    /// What is asked about.
     #[command(flatten)]
-    lens: LensArgs,
-    /// As JSON
-    #[arg(long)]
-    json: bool,
-    /// Draw the lens and rays through it as SVG
-    #[arg(long, value_name = "FILE")]
-    svg: Option<PathBuf>,
-    /// Where it goes.
+    asked: AskedArgs,
+    /// How it is given.
     #[command(flatten)]
-    to: Destination,
+    form: Form,
 }
 
 /// What is printed.
@@ -39,6 +34,8 @@ struct Shown {
     stop: Option<usize>,
     colours: Vec<Colour>,
     beam: Option<BeamShown>,
+    /// What these numbers do not tell of the lens.
+    notes: Vec<String>,
 }
 
 /// To first order, at one wavelength. Places as in CONVENTIONS.md.
@@ -66,27 +63,37 @@ struct BeamShown {
     aberrations: Vec<Aberrations>,
 }
 
-/// Sums of one surface, mm; the last are those of the lens.
+/// Sums of one surface, mm; the last are those of the lens. There are none of third order of a Fresnel lens.
 #[derive(Debug, Serialize)]
 struct Aberrations {
     surface: Option<usize>,
-    spherical_mm: f64,
-    coma_mm: f64,
-    astigmatism_mm: f64,
-    field_curvature_mm: f64,
-    distortion_mm: f64,
+    spherical_mm: Option<f64>,
+    coma_mm: Option<f64>,
+    astigmatism_mm: Option<f64>,
+    field_curvature_mm: Option<f64>,
+    distortion_mm: Option<f64>,
     axial_colour_mm: f64,
     lateral_colour_mm: f64,
 }
 
 /// Runs `twinpupil optics show`.
-pub(super) fn run(args: &Args) -> Result<()> {
-    let used = Used::load(&args.lens)?;
-    let shown = Shown::of(&used);
-    if let Some(path) = &args.svg {
-        output::write(Some(path), layout::svg(&used)?.into_bytes())?;
+pub(super) fn run(args: &Args, console: &Console) -> Result<()> {
+    let path = args.asked.lens.lens.as_path();
+    if is_instrument(path)? {
+        return show_camera::run(&args.asked, &args.form).with_context(|| path.display().to_string());
     }
-    args.to.write(if args.json { pretty(&shown)? } else { shown.to_text() })
+    args.asked.refuse_for_lens()?;
+    let used = Used::load(&args.asked.lens, console)?;
+    let asked = if args.form.is_drawn() { Some(Asked::of_lens(&used, &LENS_FIELDS)?) } else { None };
+    args.form.give(&Shown::of(&used), || asked.as_ref().map_or(String::new(), |asked| drawing(&used, asked)))
+}
+
+/// The lens in section, with rays of the shortest and the longest wavelength.
+fn drawing(used: &Used, asked: &Asked) -> String {
+    let mut colours = used.shortest_and_longest().to_vec();
+    colours.dedup();
+    let surfaces = &used.file.prescription.surfaces;
+    svg(&Drawn { asked, colours, surfaces, masks: &[], half_sensor_mm: None })
 }
 
 impl Shown {
@@ -100,10 +107,41 @@ impl Shown {
             stop,
             colours: colours.map(|(train, nm)| Colour::of(&train.first_order(stop), *nm)).collect(),
             beam: used.pupil_mm.map(|pupil_mm| BeamShown::of(used, pupil_mm)),
+            notes: notes(used),
         }
     }
+}
 
-    fn to_text(&self) -> String {
+/// Surfaces to which the numbers do justice only in part.
+fn notes(used: &Used) -> Vec<String> {
+    let named = |surfaces: &[usize]| {
+        let numbers: Vec<String> = surfaces.iter().map(ToString::to_string).collect();
+        format!("surface{} {}", if surfaces.len() > 1 { "s" } else { "" }, numbers.join(", "))
+    };
+    let flat = used.trains[0].flat_lenses();
+    let cylinders: Vec<usize> = (used.file.prescription.surfaces.iter().enumerate())
+        .filter(|(_, surface)| matches!(surface.shape, Shape::Cylinder { .. }))
+        .map(|(index, _)| index)
+        .collect();
+    let mut notes = Vec::new();
+    if !flat.is_empty() {
+        notes.push(format!(
+            "{}: facets of a Fresnel lens bend light as a plane with slopes does, of which there are no sums of third \
+             order, S_I to S_V; nor are there of the lens",
+            named(&flat)
+        ));
+    }
+    if !cylinders.is_empty() {
+        notes.push(format!(
+            "{}: a cylinder bends light one way alone; lengths and sums are those of the section x = 0",
+            named(&cylinders)
+        ));
+    }
+    notes
+}
+
+impl Answer for Shown {
+    fn text(&self) -> String {
         let stop = self.stop.map_or("no stop".to_owned(), |stop| format!("stop at surface {stop}"));
         let name = if self.name.is_empty() { "a lens" } else { &self.name };
         let header = ["", "f", "F from first", "F' from last", "H from first", "H' from last", "entrance", "exit"];
@@ -113,7 +151,34 @@ impl Shown {
         if let Some(beam) = &self.beam {
             text += &beam.to_text();
         }
+        for note in &self.notes {
+            text += &format!("\n{note}\n");
+        }
         text
+    }
+
+    /// One number a row.
+    fn table(&self) -> Table {
+        let mut rows: Vec<(&str, f64, String, Option<f64>)> = Vec::new();
+        for colour in &self.colours {
+            let numbers = colour.numbers();
+            rows.extend(numbers.map(|(name, value)| (name, colour.wavelength_nm, String::new(), value)));
+        }
+        let primary_nm = self.colours.first().map_or(f64::NAN, |colour| colour.wavelength_nm);
+        if let Some(beam) = &self.beam {
+            let numbers = beam.numbers();
+            rows.extend(numbers.map(|(name, value)| (name, primary_nm, String::new(), value)));
+            for own in &beam.aberrations {
+                rows.extend(own.numbers().map(|(name, value)| (name, primary_nm, own.name(), value)));
+            }
+        }
+        rows.retain(|(.., value)| value.is_some());
+        let value = |value: Option<f64>| value.unwrap_or(f64::NAN);
+        Table::new()
+            .with("quantity", Cells::Label(rows.iter().map(|row| row.0.to_owned()).collect()))
+            .with("wavelength_nm", Cells::Real(rows.iter().map(|row| row.1).collect(), 4))
+            .with("surface", Cells::Label(rows.iter().map(|row| row.2.clone()).collect()))
+            .with("value", Cells::Real(rows.iter().map(|row| value(row.3)).collect(), 9))
     }
 }
 
@@ -129,6 +194,19 @@ impl Colour {
             entrance_pupil_mm: lens.entrance_pupil.map(|pupil| pupil.position_mm),
             exit_pupil_mm: lens.exit_pupil.map(|pupil| pupil.position_mm),
         }
+    }
+
+    /// Every number by its name.
+    fn numbers(&self) -> [(&'static str, Option<f64>); 7] {
+        [
+            ("focal_length_mm", Some(self.focal_length_mm)),
+            ("front_focus_mm", Some(self.front_focus_mm)),
+            ("rear_focus_mm", Some(self.rear_focus_mm)),
+            ("front_principal_mm", Some(self.front_principal_mm)),
+            ("rear_principal_mm", Some(self.rear_principal_mm)),
+            ("entrance_pupil_mm", self.entrance_pupil_mm),
+            ("exit_pupil_mm", self.exit_pupil_mm),
+        ]
     }
 
     fn row(&self) -> [String; 8] {
@@ -157,11 +235,14 @@ impl BeamShown {
             .zip(lens.entrance_pupil)
             .map(|(exit, entrance)| (exit.magnification / entrance.magnification).abs());
         let [shortest, longest] = used.shortest_and_longest();
-        let seidel = train.seidel(marginal, chief);
+        let flat = train.flat_lenses();
+        let known = |(surface, sums): (usize, SeidelSums)| (!flat.contains(&surface)).then_some(sums);
+        let seidel: Vec<Option<SeidelSums>> =
+            train.seidel(marginal, chief).into_iter().enumerate().map(known).collect();
         let colours = train.chromatic(&used.trains[shortest], &used.trains[longest], marginal, chief);
         let sum = Aberrations::of(
             None,
-            seidel.iter().copied().fold(SeidelSums::default(), |sum, one| sum + one),
+            seidel.iter().copied().try_fold(SeidelSums::default(), |sum, one| Some(sum + one?)),
             colours.iter().copied().fold(ChromaticSums::default(), |sum, one| sum + one),
         );
         let optical = (0..).zip(seidel.into_iter().zip(colours));
@@ -174,6 +255,17 @@ impl BeamShown {
             image_chief_slope: paraxial_rays(&surfaces, 1.0, chief).last().map_or(0.0, |ray| ray.slope),
             aberrations: each.chain([sum]).collect(),
         }
+    }
+
+    /// Every number but the sums, by its name.
+    fn numbers(&self) -> [(&'static str, Option<f64>); 5] {
+        [
+            ("entrance_pupil_diameter_mm", Some(self.entrance_pupil_diameter_mm)),
+            ("exit_pupil_diameter_mm", self.exit_pupil_diameter_mm),
+            ("f_number", Some(self.f_number)),
+            ("field_deg", Some(self.field_deg)),
+            ("image_chief_slope", Some(self.image_chief_slope)),
+        ]
     }
 
     fn to_text(&self) -> String {
@@ -190,29 +282,48 @@ impl BeamShown {
 }
 
 impl Aberrations {
-    fn of(surface: Option<usize>, seidel: SeidelSums, colour: ChromaticSums) -> Self {
+    fn of(surface: Option<usize>, seidel: Option<SeidelSums>, colour: ChromaticSums) -> Self {
         Self {
             surface,
-            spherical_mm: seidel.spherical_mm,
-            coma_mm: seidel.coma_mm,
-            astigmatism_mm: seidel.astigmatism_mm,
-            field_curvature_mm: seidel.field_curvature_mm,
-            distortion_mm: seidel.distortion_mm,
+            spherical_mm: seidel.map(|sums| sums.spherical_mm),
+            coma_mm: seidel.map(|sums| sums.coma_mm),
+            astigmatism_mm: seidel.map(|sums| sums.astigmatism_mm),
+            field_curvature_mm: seidel.map(|sums| sums.field_curvature_mm),
+            distortion_mm: seidel.map(|sums| sums.distortion_mm),
             axial_colour_mm: colour.axial_mm,
             lateral_colour_mm: colour.lateral_mm,
         }
     }
 
+    /// The surface, or that it is the sum.
+    fn name(&self) -> String {
+        self.surface.map_or("sum".to_owned(), |surface| surface.to_string())
+    }
+
+    /// Every number by its name.
+    fn numbers(&self) -> [(&'static str, Option<f64>); 7] {
+        [
+            ("spherical_mm", self.spherical_mm),
+            ("coma_mm", self.coma_mm),
+            ("astigmatism_mm", self.astigmatism_mm),
+            ("field_curvature_mm", self.field_curvature_mm),
+            ("distortion_mm", self.distortion_mm),
+            ("axial_colour_mm", Some(self.axial_colour_mm)),
+            ("lateral_colour_mm", Some(self.lateral_colour_mm)),
+        ]
+    }
+
     fn row(&self) -> [String; 8] {
         // No −0.
         let number = |mm: f64| format!("{:.6}", if mm.abs() < 5e-7 { 0.0 } else { mm });
+        let known = |mm: Option<f64>| mm.map_or("–".to_owned(), number);
         [
-            self.surface.map_or("sum".to_owned(), |surface| surface.to_string()),
-            number(self.spherical_mm),
-            number(self.coma_mm),
-            number(self.astigmatism_mm),
-            number(self.field_curvature_mm),
-            number(self.distortion_mm),
+            self.name(),
+            known(self.spherical_mm),
+            known(self.coma_mm),
+            known(self.astigmatism_mm),
+            known(self.field_curvature_mm),
+            known(self.distortion_mm),
             number(self.axial_colour_mm),
             number(self.lateral_colour_mm),
         ]

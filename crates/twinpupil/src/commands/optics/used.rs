@@ -7,24 +7,27 @@ use clap::Args;
 use twinpupil_instrument::{Catalogue, paraxial_rays};
 use twinpupil_optics::{Beam, Field, FieldPoint, FirstOrder, Imager, Train};
 
-use crate::io::lens::{LensFile, read_catalogues, read_lens};
+use crate::commands::options::{number, size_mm};
+use crate::console::Console;
+use crate::io::lens::{LensFile, read_with_catalogues};
 
 /// A lens, and how it is used where that is not what its file says.
 #[derive(Debug, Args)]
+#[command(allow_negative_numbers = true)]
 pub(super) struct LensArgs {
-    /// Lens: a `.zmx` file, or a prescription in TOML
+    /// Lens: a `.zmx` file, a prescription in TOML, or an instrument file whose lens is one of them
     pub(super) lens: PathBuf,
     /// AGF catalogue with glasses of the lens; may be given several times
     #[arg(long, value_name = "FILE")]
     agf: Vec<PathBuf>,
     /// Wavelength, nm, the primary one first; may be given several times, else those of the file
-    #[arg(long, value_name = "NM")]
+    #[arg(long, value_name = "NM", value_parser = number("1 to 1e6", |nm| (1.0..=1e6).contains(nm)))]
     wavelength_nm: Vec<f64>,
     /// Diameter of the entrance pupil, mm; else that of the file
-    #[arg(long, value_name = "MM")]
+    #[arg(long, value_name = "MM", value_parser = size_mm())]
     pupil_mm: Option<f64>,
     /// Largest angle of the field, degrees; else that of the file
-    #[arg(long, value_name = "DEG")]
+    #[arg(long, value_name = "DEG", value_parser = number("0 or more, below 90", |deg| (0.0..90.0).contains(deg)))]
     field_deg: Option<f64>,
 }
 
@@ -62,18 +65,18 @@ pub(super) struct Used {
 }
 
 impl Used {
-    pub(super) fn load(args: &LensArgs) -> Result<Self> {
-        let mut file = read_lens(&args.lens)?;
+    pub(super) fn load(args: &LensArgs, console: &Console) -> Result<Self> {
+        let (mut file, catalogues) = read_with_catalogues(&args.lens, &args.agf)?;
+        file.warnings().for_each(|warning| console.note(warning));
         if !args.wavelength_nm.is_empty() {
             file.wavelengths_nm.clone_from(&args.wavelength_nm);
         }
-        let catalogues = read_catalogues(&args.agf)?;
         let catalogues: Vec<&Catalogue> = catalogues.iter().collect();
         let train = |nm: &f64| Train::new(&file.prescription, &catalogues, *nm);
         let trains = file.wavelengths_nm.iter().map(train).collect::<Result<Vec<_>, _>>();
         let trains = trains.with_context(|| args.lens.display().to_string())?;
         let first_order = trains[0].first_order(file.prescription.stop());
-        let pupil_mm = args.pupil_mm.or_else(|| pupil_mm(&file, &first_order));
+        let pupil_mm = args.pupil_mm.or_else(|| pupil_mm(&file, &trains[0], &first_order));
         // The stop itself, if nothing else is stated, is as wide as it is.
         let is_stop = args.pupil_mm.is_none() && matches!(file.beam, Some(Beam::Stop) | None);
         let has_paraxial_stop = is_stop || file.has_paraxial_stop;
@@ -137,12 +140,13 @@ impl Used {
 }
 
 /// Diameter of the entrance pupil by what the file says, mm.
-fn pupil_mm(file: &LensFile, lens: &FirstOrder) -> Option<f64> {
+fn pupil_mm(file: &LensFile, train: &Train, lens: &FirstOrder) -> Option<f64> {
     let stop = file.prescription.stop().map(|stop| &file.prescription.surfaces[stop]);
     let of_stop = || Some(2.0 * stop?.semi_diameter_mm? * lens.entrance_pupil?.magnification.abs());
     match file.beam {
         Some(Beam::EntrancePupil { diameter_mm }) => Some(diameter_mm),
         Some(Beam::FNumber { f_number }) => Some((lens.focal_length_mm / f_number).abs()),
+        Some(Beam::WorkingFNumber { f_number }) => Some(pupil_of_working_f_number_mm(f_number, file, train, lens)),
         Some(Beam::ObjectAperture { sine }) => {
             let pupil_mm = lens.entrance_pupil.map_or(0.0, |pupil| pupil.position_mm);
             let distance_mm = file.prescription.object_distance_mm? + pupil_mm;
@@ -150,6 +154,13 @@ fn pupil_mm(file: &LensFile, lens: &FirstOrder) -> Option<f64> {
         }
         Some(Beam::Stop) | None => of_stop(),
     }
+}
+
+/// Diameter of the entrance pupil whose paraxial marginal ray meets the image at a slope of one over twice the ratio, mm.
+fn pupil_of_working_f_number_mm(f_number: f64, file: &LensFile, train: &Train, lens: &FirstOrder) -> f64 {
+    let marginal = lens.marginal_ray(1.0, file.prescription.object_distance_mm);
+    let image = paraxial_rays(&train.paraxial_surfaces(), 1.0, marginal);
+    (0.5 / f_number / image.last().map_or(marginal.slope, |ray| ray.slope)).abs()
 }
 
 /// Slope of the chief ray of a point of the field, whichever way it lies.

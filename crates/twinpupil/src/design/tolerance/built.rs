@@ -2,7 +2,7 @@
 //!
 //! # Where things stand
 //!
-//! A thin or Fresnel lens stands fast, and everything counts from it. Of a lens surface by surface the first vertex stands
+//! A thin lens stands fast, and everything counts from it. Of a lens surface by surface the first vertex stands
 //! fast in the housing, surfaces follow it gap by gap, and the sensor and masks in front of the lens or behind it keep
 //! their places in the housing whatever the lens does. What is read counts from where the front principal plane of the
 //! drawing is.
@@ -14,9 +14,10 @@
 
 use std::collections::BTreeMap;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use twinpupil_instrument::{
-    Formula, Glass, Instrument, InstrumentSpec, Lens, LensStand, MediumSpec, PrescriptionLens, PrescriptionSpec,
+    Formula, Glass, Instrument, InstrumentSpec, Lens, LensStand, MediumSpec, PrescriptionLens, PrescriptionSpec, Shape,
+    SurfaceSpec,
 };
 
 use super::element::Element;
@@ -53,6 +54,12 @@ impl Drawing {
     /// Of an instrument.
     pub fn new(instrument: &Instrument, tolerances: &Tolerances) -> Result<Self> {
         let mut spec = instrument.clone().into_spec();
+        if matches!(spec.lens, Lens::Fresnel(_)) {
+            bail!(
+                "`lens.model` is fresnel, of which a calibration from images alone knows one focal length for bands that have \
+                 two; legal: thin, or prescription with a surface of kind facets, which is the same lens"
+            );
+        }
         spec.calibration = None;
         let mut stand = None;
         let mut elements = Vec::new();
@@ -184,11 +191,17 @@ impl Drawing {
     fn give_indices(&self, spec: &mut PrescriptionSpec, design_wavelength_nm: f64, index_off: &[f64]) -> Result<()> {
         let mut wavelengths_nm: Vec<f64> = self.instrument.bands.iter().map(|band| band.wavelength_nm).collect();
         wavelengths_nm.push(design_wavelength_nm);
+        wavelengths_nm.extend(spec.surfaces.iter().filter_map(|surface| match surface.shape {
+            Shape::Facets { design_wavelength_nm, .. } => Some(design_wavelength_nm),
+            _ => None,
+        }));
         wavelengths_nm.sort_by(f64::total_cmp);
         wavelengths_nm.dedup();
         let mut media = BTreeMap::new();
-        for (index, (surface, off)) in spec.surfaces.iter_mut().zip(index_off).enumerate().filter(|of| *of.1.1 != 0.0) {
-            let glass = Glass::named(&surface.medium, &spec.media, &[], "medium")?;
+        for (index, off) in index_off.iter().enumerate().filter(|of| *of.1 != 0.0) {
+            let glass = Glass::named(&spec.surfaces[index].medium, &spec.media, &[], "medium")?;
+            keep_facets(&mut spec.surfaces, index, &glass, *off)?;
+            let surface = &mut spec.surfaces[index];
             let known = wavelengths_nm.iter().map(|nm| Ok([*nm, glass.index(*nm)? + off]));
             let mut coefficients: Vec<[f64; 2]> = known.collect::<Result<_>>()?;
             // A table has two rows at least.
@@ -240,6 +253,17 @@ impl Drawing {
         spec.lens = Lens::Prescription(Box::new(lens));
         Ok((spec, own.front_principal_mm - drawn.front_principal_mm))
     }
+}
+
+/// Facets stay as they are cut when the index of their glass is off: 1/((n − 1) f) is their curvature at the axis.
+fn keep_facets(surfaces: &mut [SurfaceSpec], index: usize, glass: &Glass, off: f64) -> Result<()> {
+    for surface in surfaces.iter_mut().skip(index).take(2) {
+        if let Shape::Facets { focal_length_mm, design_wavelength_nm, .. } = &mut surface.shape {
+            let excess = glass.index(*design_wavelength_nm)? - 1.0;
+            *focal_length_mm *= excess / (excess + off);
+        }
+    }
+    Ok(())
 }
 
 /// Scales the focal length of a band, or of all.
@@ -319,7 +343,7 @@ impl Move {
 
 #[cfg(test)]
 mod tests {
-    use twinpupil_instrument::{PixelPoint, Projection, Shape, SurfaceSpec, paper};
+    use twinpupil_instrument::{PixelPoint, Projection, paper};
 
     use super::super::sight::Sight;
     use super::super::tolerances::grade;

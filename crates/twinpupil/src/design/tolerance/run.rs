@@ -8,6 +8,7 @@ use twinpupil_instrument::Instrument;
 
 use super::tolerances::{Distribution, Tolerances};
 use super::trial::{Reading, Trial};
+use crate::reason::one_line;
 
 /// What makes a run the same run, in plain text.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -108,7 +109,7 @@ impl Run {
             Kind::Single(source) => self.single(source, row),
             Kind::Camera(camera) => self.camera(camera),
         };
-        let reading = self.trial.reading(&off, &mut noise).map_err(|error| format!("{error:#}"));
+        let reading = self.trial.reading(&off, &mut noise).map_err(|error| one_line(&error));
         Row { off, reading }
     }
 

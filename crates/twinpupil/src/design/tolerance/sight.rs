@@ -8,7 +8,8 @@ use twinpupil_instrument::{ImagePoint, Instrument, Page, PixelPoint, Projection}
 use twinpupil_optics::Camera;
 use twinpupil_reconstruct::ChiefRays;
 
-/// A camera and where it shows points: the middle of all light that comes through its lens and its masks.
+/// A camera and where it shows points: the middle of all light that comes through its lens and its masks. Grooves of Fresnel
+/// lenses count as infinitely fine: an average over some rays jumps by tenths of a pixel where one of them meets a wall.
 #[derive(Debug, Clone)]
 pub struct Sight {
     camera: Camera,
@@ -35,7 +36,7 @@ impl Sight {
     pub fn new(instrument: &Instrument) -> Result<Self> {
         let bands = &instrument.bands;
         Ok(Self {
-            camera: Camera::new(instrument)?,
+            camera: Camera::new(instrument)?.smoothed(),
             pages: bands.iter().map(|band| instrument.page(band)).collect(),
             projections: bands.iter().map(|band| instrument.projection(band)).collect(),
             size_px: instrument.sensor.size_px,
@@ -150,7 +151,7 @@ impl Reader {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use twinpupil_instrument::paper;
 
     use super::*;
@@ -173,6 +174,47 @@ mod tests {
         }
         assert_eq!(sight.dot([0.0, 0.0, 300.0], &leak), None);
         assert_eq!(sight.dot([50.0, 0.0, 300.0], &leak), None);
+    }
+
+    /// The paper's camera behind a Fresnel lens, as such or surface by surface.
+    pub(in super::super) fn grooved(lens: &str, entocentric_mm: f64) -> Instrument {
+        let (before, rest) = paper::INSTRUMENT_TOML.split_once("[lens]").unwrap();
+        let (_, behind) = rest.split_once("[sensor]").unwrap();
+        let behind = behind.replacen("position_mm = 0.0", &format!("position_mm = {entocentric_mm}"), 1);
+        Instrument::from_toml(&format!("{before}[lens]\n{lens}\n[sensor]{behind}")).unwrap()
+    }
+
+    pub(in super::super) const FRESNEL: &str = "model = \"fresnel\"\nfocal_length_mm = 100.0\n";
+    pub(in super::super) const FACETS: &str = r#"
+model = "prescription"
+[[lens.prescription.surface]]
+shape = { kind = "facets", focal_length_mm = 100.0, pitch_mm = 0.25, draft_deg = 3.0 }
+gap_mm = 2.0
+medium = "pmma"
+half_size_mm = [38.5, 38.5]
+[[lens.prescription.surface]]
+half_size_mm = [38.5, 38.5]
+"#;
+
+    #[test]
+    fn images_behind_grooves_move_evenly() {
+        const STEP_MM: f64 = 0.01;
+        for instrument in [grooved(FRESNEL, 1.0), grooved(FACETS, 2.0)] {
+            let sight = Sight::new(&instrument).unwrap();
+            for (band, z_mm) in [(0, 260.0), (0, 330.0), (1, 260.0), (1, 330.0)] {
+                let place = |k: i32| {
+                    let shown = sight.shown(band, [5.0 + STEP_MM * f64::from(k), 1.0, z_mm]).unwrap();
+                    [shown.centre.u, shown.centre.v, shown.blur_px]
+                };
+                for k in 0..200 {
+                    let [before, here, behind] = [-1, 0, 1].map(|step| place(k + step));
+                    for n in 0..3 {
+                        let bend_px = before[n] - 2.0 * here[n] + behind[n];
+                        assert!(bend_px.abs() < 1e-3, "{:?} {band} {z_mm} {k} {n}: {bend_px}", instrument.lens);
+                    }
+                }
+            }
+        }
     }
 
     #[test]

@@ -46,7 +46,7 @@ impl Trial {
     /// Of an instrument.
     pub fn new(instrument: &Instrument, tolerances: &Tolerances) -> Result<Self> {
         let drawing = Drawing::new(instrument, tolerances)?;
-        let camera = Camera::new(&drawing.instrument)?;
+        let camera = Camera::new(&drawing.instrument)?.smoothed();
         let choices = Choices { prior_std: tolerances.calibration.prior_std.clone(), ..Choices::default() };
         check(&choices, &drawing.instrument)?;
         Ok(Self {
@@ -172,6 +172,7 @@ mod tests {
     use twinpupil_reconstruct::{Mode, Options, Reconstructor};
     use twinpupil_simulate::{DotSpec, Scene, SceneSpec, SimulateOptions, simulate};
 
+    use super::super::sight::tests::{FACETS, FRESNEL, grooved};
     use super::super::tolerances::grade;
     use super::*;
 
@@ -279,6 +280,31 @@ mod tests {
         agrees(&trial, Source::MaskPosition(1), SMALL, |[_, _, z]| {
             z * (magnification(F + SMALL, z) / magnification(F, z) - 1.0)
         });
+    }
+
+    #[test]
+    fn a_camera_behind_facets_is_calibrated_as_well_as_another() {
+        let trial = trial(&grooved(FACETS, 2.0));
+        let rms_mm =
+            |errors_mm: &[f64]| (errors_mm.iter().map(|mm| mm * mm).sum::<f64>() / errors_mm.len() as f64).sqrt();
+        // Noise, the focal length, a mask beside the axis: before it is calibrated, the last two leave 1 mm.
+        for (source, off) in [(Source::Noise, 1.0), (Source::Radius(0), 0.2), (Source::MaskCentre(1, 0), 0.02)] {
+            let reading = single(&trial, source, off);
+            assert!(rms_mm(&reading.after_mm) < 0.04, "{source:?}: {:?}", reading.after_mm);
+        }
+        // Facets that are cut bend light more in denser glass, as they do if they are cut for a shorter focal length.
+        const OFF: f64 = 5e-4;
+        let denser = single(&trial, Source::Index(0), OFF).before_mm;
+        let shorter = single(&trial, Source::Radius(0), -100.0 * OFF / (0.4918 + OFF)).before_mm;
+        let apart: Vec<f64> = denser.iter().zip(&shorter).map(|(a, b)| a - b).collect();
+        assert!(rms_mm(&denser) > 0.5 && rms_mm(&apart) < 0.2 * rms_mm(&denser), "{denser:?} {shorter:?}");
+    }
+
+    #[test]
+    fn a_fresnel_lens_is_refused_and_what_is_the_same_is_named() {
+        let tolerances = Tolerances::from_toml(grade("commercial").unwrap()).unwrap();
+        let said = Trial::new(&grooved(FRESNEL, 1.0), &tolerances).err().unwrap().to_string();
+        assert!(said.starts_with("`lens.model` is fresnel,") && said.contains("kind facets"), "{said}");
     }
 
     #[test]

@@ -166,7 +166,7 @@ fn analyse(
     };
     let tally = |mode: &Mode| Tally::new(*mode, &trials, &sheets, &bounds);
     let tallies = if trials.is_empty() { Vec::new() } else { MODES.iter().map(tally).collect() };
-    let table = twinpupil_optics::response_table_for(instrument)?;
+    let table = twinpupil_optics::smoothed_response_table_for(instrument)?;
     let clipping_mm = grid.z_mm.iter().map(|z_mm| clipping_radius_mm(&table, *z_mm).unwrap_or(f64::INFINITY)).collect();
     let analysis = Analysis { instrument: instrument.clone(), grid, kind, bounds, tallies, seeds, clipping_mm };
     Ok((analysis, sheets, trials))

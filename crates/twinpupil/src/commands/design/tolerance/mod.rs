@@ -78,7 +78,9 @@ pub(super) fn run(args: &Args, console: &Console) -> Result<()> {
         return merged(args, files, console);
     }
     let spec = spec(args)?;
-    let run = spec.run()?;
+    let run = spec
+        .run()
+        .with_context(|| args.instrument.as_ref().map_or(String::new(), |path| path.display().to_string()))?;
     let pieces = Pieces::new(&spec, run.rows(), PIECE)?;
     let shard = args.shard.unwrap_or(Shard::WHOLE);
     let folder = args.output.join(FOLDER);
