@@ -85,21 +85,25 @@ pub(crate) fn shift_px(spot: &Spot, growth: [f64; 2]) -> [f64; 2] {
     growth.map(|growth| -0.25 * spot.blur_px * spot.blur_px * growth)
 }
 
-/// Mends the light of a spot that seems moved far: its edges are as steep as those of a narrower blur.
+/// Mends the light of a spot that seems moved: its edges are as steep as those of narrower blurs.
 ///
-/// The bump of [`shift_px`] is `∫ t³ B_t dt/b²` over the discs B_t up to the blur's radius b, whose mean radius is 4/5 b:
-/// the light changes as does that of an edge with such a blur.
+/// The bump of [`shift_px`] is `∫ t³ B_t dt/b²` over the discs B_t up to the blur's radius b: the light changes as does that of
+/// edges with such blurs, by Gauss's rule for the weight t³ of two.
 pub(crate) fn bend(own: &mut Light, light: &BandLight, places: &Places, narrow: &mut Light) {
-    const NARROW: f64 = 0.8;
-    const FELT_PX: f64 = 0.05;
+    const NARROW: [(f64, f32); 2] = [(0.898_714, 0.732_384), (0.529_857, 0.267_616)];
     let [du, dv] = shift_px(&light.spot, light.illumination_slope);
     if length([du, dv]) < FELT_PX {
         return;
     }
-    narrow.fill(&light.spot.narrowed(NARROW), places);
     let (du, dv) = (du as f32, dv as f32);
     for (k, share) in own.light.iter_mut().enumerate() {
-        *share += du * (narrow.with_u[k] - own.with_u[k]) + dv * (narrow.with_v[k] - own.with_v[k]);
+        *share -= du * own.with_u[k] + dv * own.with_v[k];
+    }
+    for (width, weight) in NARROW {
+        narrow.fill(&light.spot.narrowed(width), places);
+        for (k, share) in own.light.iter_mut().enumerate() {
+            *share += weight * (du * narrow.with_u[k] + dv * narrow.with_v[k]);
+        }
     }
 }
 
@@ -205,13 +209,13 @@ fn modelled_growth(joint: &Joint<'_>, index: usize, band: usize, glance: &mut Gl
     Some(Growth { slope: Vector2::from(light.illumination_slope) + step, information: left })
 }
 
-/// Unknowns of the field: the logarithm of the light, its slopes and its curvatures.
+/// Unknowns of the field: the light, its slopes and its curvatures.
 const UNKNOWNS: usize = 6;
 
-/// The light over the whole frame in one band: its logarithm is a quadratic.
+/// The light over the whole frame in one band, over that of the typical dot: a quadratic.
 ///
 /// ```text
-/// ln I = c + a x + b y + d x²/2 + e x y + f y²/2
+/// I = c + a x + b y + d x²/2 + e x y + f y²/2
 /// ```
 #[derive(Debug, Clone)]
 struct Field {
@@ -237,10 +241,10 @@ const DOTS_MIN: usize = 6;
 #[derive(Debug, Clone, Copy)]
 struct FieldDot {
     centre_px: [f64; 2],
-    /// Logarithm of its contrast.
+    /// Its light over that of the typical one.
     level: f64,
     own: Option<Growth>,
-    /// Whether it is about as bright as the others, and how far from them.
+    /// Whether it is about as bright as the field, and how far from that, relative.
     kept: bool,
     off: f64,
 }
@@ -257,12 +261,16 @@ impl Field {
             let light = body.bands[band].as_ref().filter(|light| light.contrast != 0.0)?;
             let tells = body.is_placed() && !body.saturated;
             // What the lens lets through is known.
-            let level = light.contrast.abs().ln() - (1.0 - light.spot.falloff()).ln();
+            let level = light.contrast.abs() / (1.0 - light.spot.falloff());
             tells.then_some(FieldDot { centre_px: light.spot.centre_px, level, own: *own, kept: true, off: 0.0 })
         }));
         if dots.len() < DOTS_MIN {
             return None;
         }
+        sorted.clear();
+        sorted.extend(dots.iter().map(|dot| dot.level));
+        let typical = median(sorted)?;
+        dots.iter_mut().for_each(|dot| dot.level /= typical);
         let count = dots.len() as f64;
         let centre_px = [0, 1].map(|k| dots.iter().map(|dot| dot.centre_px[k]).sum::<f64>() / count);
         let scatter = f64::INFINITY;
@@ -284,17 +292,19 @@ impl Field {
         }
         for FieldDot { centre_px, level, own, kept, .. } in dots {
             let [row, along_u, along_v] = self.rows(*centre_px);
+            let field_level = self.level_at(*centre_px);
             if *kept {
-                information += row * row.transpose() * level_std.powi(-2);
-                score += row * (level * level_std.powi(-2));
+                let trust = (field_level * level_std).powi(-2);
+                information += row * row.transpose() * trust;
+                score += row * (level * trust);
             }
             if let Some(Growth { slope, information: known }) = own.filter(|_| self.scatter.is_finite()) {
                 // Dots whose own pixels say it well count no more than they are alike.
                 let covariance = known.try_inverse().unwrap_or_default() + Matrix2::identity() * self.scatter;
-                let known = covariance.try_inverse().unwrap_or_default() * UNIT_PX.powi(-2);
+                let known = covariance.try_inverse().unwrap_or_default() * (field_level * UNIT_PX).powi(-2);
                 let rows = SMatrix::<f64, 2, UNKNOWNS>::from_rows(&[along_u.transpose(), along_v.transpose()]);
                 information += rows.transpose() * known * rows;
-                score += rows.transpose() * known * (slope * UNIT_PX);
+                score += rows.transpose() * known * (slope * (field_level * UNIT_PX));
             }
         }
         self.covariance = information.try_inverse()?;
@@ -306,7 +316,7 @@ impl Field {
     fn compare(&mut self, dots: &mut [FieldDot], sorted: &mut Vec<f64>) -> Option<f64> {
         const FAR_SIGMAS: f64 = 3.0;
         for dot in &mut *dots {
-            dot.off = (dot.level - self.rows(dot.centre_px)[0].dot(&self.unknowns)).abs();
+            dot.off = (dot.level / self.level_at(dot.centre_px) - 1.0).abs();
         }
         sorted.clear();
         sorted.extend(dots.iter().map(|dot| dot.off));
@@ -332,17 +342,29 @@ impl Field {
         ]
     }
 
-    fn slope_at(&self, place_px: [f64; 2]) -> Vector2<f64> {
-        let [_, along_u, along_v] = self.rows(place_px);
-        Vector2::new(along_u.dot(&self.unknowns), along_v.dot(&self.unknowns)) / UNIT_PX
+    /// The light at a place; a quadratic that falls below none there stands for darkness.
+    fn level_at(&self, place_px: [f64; 2]) -> f64 {
+        const DARKEST: f64 = 0.02;
+        self.rows(place_px)[0].dot(&self.unknowns).max(DARKEST)
     }
 
-    /// The growth at a place, and how well it is known for a dot there.
+    fn slope_at(&self, place_px: [f64; 2]) -> Vector2<f64> {
+        let [_, along_u, along_v] = self.rows(place_px);
+        let per_level = 1.0 / (UNIT_PX * self.level_at(place_px));
+        Vector2::new(along_u.dot(&self.unknowns), along_v.dot(&self.unknowns)) * per_level
+    }
+
+    /// The growth at a place, and how well it is known for a dot there: light is no more a quadratic than to some percent of
+    /// its slope.
     fn at(&self, place_px: [f64; 2]) -> Growth {
+        const DOUBT: f64 = 0.03;
         let [_, along_u, along_v] = self.rows(place_px);
         let rows = SMatrix::<f64, 2, UNKNOWNS>::from_rows(&[along_u.transpose(), along_v.transpose()]);
+        let slope = self.slope_at(place_px);
+        let doubt = self.scatter + DOUBT * DOUBT * slope.norm_squared();
+        let per_level = 1.0 / (UNIT_PX * self.level_at(place_px));
         let covariance =
-            rows * self.covariance * rows.transpose() / (UNIT_PX * UNIT_PX) + Matrix2::identity() * self.scatter;
-        Growth { slope: self.slope_at(place_px), information: covariance.try_inverse().unwrap_or_default() }
+            rows * self.covariance * rows.transpose() * (per_level * per_level) + Matrix2::identity() * doubt;
+        Growth { slope, information: covariance.try_inverse().unwrap_or_default() }
     }
 }
