@@ -17,7 +17,7 @@ use crate::likelihood::chords::{Circles, Dots, Edges, LANES, LINES, Lanes, POSIT
 use crate::likelihood::light::{EdgeView, Light, Local, Places, SHARP_PX, WIDE_PX};
 use crate::likelihood::pencil::Edge;
 use crate::likelihood::sharp::{Trapezoid, depth};
-use crate::likelihood::soft::Overlap;
+use crate::likelihood::soft::{Overlap, in_the_middle};
 use crate::likelihood::spot::Spot;
 
 /// Half the diagonal of a pixel.
@@ -87,7 +87,7 @@ pub(crate) fn slanted(spot: &Spot, local: &Local, places: &Places, out: &mut Lig
     meetings.find(local, places);
     // An outline that is more curved than the blur may cross the pupil's rim four times.
     let is_wide = spot.blur_px_max() < (1.0 - spot.foreshortening()).powi(2) * spot.radius_px;
-    slanted_soft(local, Points::of(spot), is_wide, places, &meetings.soft, out);
+    slanted_soft(local, is_wide, places, &meetings.soft, out);
     out.meetings = meetings;
 }
 
@@ -326,16 +326,15 @@ impl Dots {
 }
 
 #[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
-fn slanted_soft(local: &Local, points: Points, is_wide: bool, places: &Places, indices: &[u32], out: &mut Light) {
+fn slanted_soft(local: &Local, is_wide: bool, places: &Places, indices: &[u32], out: &mut Light) {
     for indices in indices.chunks(LANES) {
         let edges = Edges::of(local, places, indices);
-        let light = if is_wide {
-            points.mean(local, &edges, |dots| dots.meeting())
-        } else {
-            points.mean(local, &edges, |dots| share(Some(dots), &[]))
-        };
+        let middles = Dots::stepped(local, &edges, &[0.0; LANES], 0.0);
+        let slanted = if is_wide { middles.meeting() } else { share(Some(&middles), &[]) };
+        // What lines tell otherwise changes little across a pixel.
+        let more = lanes(|lane| slanted[lane] - in_the_middle(local, edges.du[lane], edges.dv[lane]));
         for (lane, index) in indices.iter().enumerate() {
-            out.light[*index as usize] = light[lane];
+            out.light[*index as usize] += more[lane];
         }
     }
 }

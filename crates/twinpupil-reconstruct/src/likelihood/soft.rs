@@ -30,11 +30,9 @@ pub(crate) fn soft(local: &Local, places: &Places, out: &mut Light) {
     let (with_radius, with_blur) = (&mut out.with_radius[..count], &mut out.with_blur[..count]);
     for index in 0..count {
         let edge = EdgeView::at(local, du[index] - local.skewed_px[0], dv[index] - local.skewed_px[1]);
-        let beta = (edge.blur_px.abs() / edge.px).max(BETA_MIN);
         let (step_px, side) = edge.pixel_points();
         let step = step_px / edge.px;
-        // Along the edge, its curvature makes a step inwards of the pixel's extent.
-        let q = edge.q + edge.curvature_px() / edge.px + edge.slanted(beta);
+        let (q, beta) = nearest_part(&edge);
         let (outer, middle, inner) =
             (Overlap::of(q + step, beta), Overlap::of(q, beta), Overlap::of((q - step).abs(), beta));
         let centre = 1.0 - 2.0 * side;
@@ -46,6 +44,23 @@ pub(crate) fn soft(local: &Local, places: &Places, out: &mut Light) {
         with_radius[index] = -(edge.q * with_q + beta * with_beta) / local.radius_px;
         with_blur[index] = (with_beta / edge.px).copysign(with_beta * edge.blur_px);
     }
+}
+
+/// Distance of a pixel's middle from the centre of the unit disc, and its blur there, as the nearest part of the edge has
+/// them.
+#[inline(always)]
+fn nearest_part(edge: &EdgeView) -> (f32, f32) {
+    let beta = (edge.blur_px.abs() / edge.px).max(BETA_MIN);
+    // Along the edge, its curvature makes a step inwards of the pixel's extent.
+    (edge.q + edge.curvature_px() / edge.px + edge.slanted(beta), beta)
+}
+
+/// What [`soft`] and [`wide`] would have in the middle of a pixel, were it a point.
+#[inline(always)]
+pub(crate) fn in_the_middle(local: &Local, du: f32, dv: f32) -> f32 {
+    let edge = EdgeView::at(local, du - local.skewed_px[0], dv - local.skewed_px[1]);
+    let (q, beta) = nearest_part(&edge);
+    Overlap::of(q, beta).light
 }
 
 /// Fills light and derivatives of a spot whose blur is so wide that the pixel matters at the two ends of the edge only,
