@@ -133,7 +133,7 @@ impl Meetings {
     }
 }
 
-#[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
 fn kinds(local: &Local, places: &Places, touched: &[f32], kind: &mut [f32]) {
     let count = places.edge;
     let (du, dv) = (&places.du[..count], &places.dv[..count]);
@@ -229,7 +229,7 @@ fn cut_way(way: &Way, local: &Local, points: Points, places: &Places, out: &mut 
 }
 
 /// Takes what one circle shuts, inside (1) or outside (−1), from the open share of the pencils.
-#[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
 fn close(circle: &Circle, inside: f32, places: &Places, touched: &mut [f32], open: &mut [f32]) {
     let count = places.len();
     let (du, dv) = (&places.du[..count], &places.dv[..count]);
@@ -274,7 +274,7 @@ fn passing(dots: Option<&Dots>, shuts: &[Circles], rims: &[Circles]) -> Lanes {
 }
 
 /// Dims light and derivatives where the edge of the dot is not cut.
-#[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
 fn dim(kind: &[f32], out: &mut Light) {
     let Light { light, with_u, with_v, with_radius, with_blur, open, .. } = out;
     for values in [light, with_u, with_v, with_radius, with_blur] {
@@ -325,7 +325,7 @@ impl Dots {
     }
 }
 
-#[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
 fn slanted_soft(local: &Local, is_wide: bool, places: &Places, indices: &[u32], out: &mut Light) {
     for indices in indices.chunks(LANES) {
         let edges = Edges::of(local, places, indices);
@@ -339,7 +339,7 @@ fn slanted_soft(local: &Local, is_wide: bool, places: &Places, indices: &[u32], 
     }
 }
 
-#[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
 fn cut_soft(way: &Way, local: &Local, points: Points, places: &Places, indices: &[u32], out: &mut Light) {
     for indices in indices.chunks(LANES) {
         let edges = Edges::of(local, places, indices);
@@ -404,7 +404,7 @@ fn open_lengths(x: &Lanes, half: &Lanes, shuts: &[Circles], rims: &[Circles]) ->
 
 /// Light and derivatives of nearly sharp edges: every line across the pupil makes a step of its own, as high as the line
 /// is open.
-#[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
 fn cut_sharp(way: &Way, local: &Local, places: &Places, indices: &[u32], out: &mut Light) {
     for indices in indices.chunks(LANES) {
         let edges = Edges::of(local, places, indices);

@@ -189,13 +189,13 @@ fn total([a, b, c, d, e, f, g, h]: &Lanes) -> f64 {
 }
 
 /// Pixels that count.
-#[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2", "x86_64+avx"))]
 fn used(weight: &[f32]) -> usize {
     weight.iter().map(|weight| u32::from(*weight > 0.0)).sum::<u32>() as usize
 }
 
 /// Adds the products of all columns, or of those of light and open share.
-#[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2", "x86_64+avx"))]
 fn multiply(
     [u, v, radius, blur, light, open]: [&[f32]; UNKNOWNS],
     weight: &[f32],
@@ -249,7 +249,7 @@ pub(crate) fn products_with(others: [&[f32]; 5], weight: &[f32], column: &[f32])
     sums.map(|lanes| total(&lanes))
 }
 
-#[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2", "x86_64+avx"))]
 fn multiply_with(others: [&[f32]; 5], weight: &[f32], column: &[f32], sums: &mut [Lanes; 5]) {
     add(weight, column, others, sums);
 }

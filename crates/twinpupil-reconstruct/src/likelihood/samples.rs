@@ -217,7 +217,7 @@ impl Zone {
 }
 
 /// Adds the pixels of rows to zones, or to the sums over what the spot fills and over the ground.
-#[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2", "x86_64+avx"))]
 fn read_rows(
     plane: &PlaneView<'_>,
     curves: &Curves,

@@ -20,7 +20,7 @@ const NEAR_PX: f32 = 2.0;
 /// At a depth d behind an edge with normal n the light is the edge's step averaged over the chords of the blur, and over
 /// the square of the pixel, whose projection on n is a trapezoid. The edge's curvature κ moves the half-lit line inwards
 /// by half the curvature times the mean square of both along the edge, `(b²/4 + 1/12) κ/2`.
-#[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
 pub(crate) fn sharp(local: &Local, blur_px_max: f32, places: &Places, out: &mut Light) {
     let count = places.edge;
     let (du, dv) = (&places.du[..count], &places.dv[..count]);

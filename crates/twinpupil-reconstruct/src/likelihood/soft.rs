@@ -21,7 +21,7 @@ use crate::likelihood::light::{EdgeView, Light, Local, Places};
 const BETA_MIN: f32 = 1e-3;
 
 /// Fills light and derivatives of a spot; a pixel's square stands at three points across the edge.
-#[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
 pub(crate) fn soft(local: &Local, places: &Places, out: &mut Light) {
     let count = places.edge;
     let (du, dv) = (&places.du[..count], &places.dv[..count]);
@@ -65,7 +65,7 @@ pub(crate) fn in_the_middle(local: &Local, du: f32, dv: f32) -> f32 {
 
 /// Fills light and derivatives of a spot whose blur is so wide that the pixel matters at the two ends of the edge only,
 /// where the profile is not smooth; see [`reach`].
-#[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
 pub(crate) fn wide(local: &Local, places: &Places, out: &mut Light) {
     let count = places.edge;
     let (du, dv) = (&places.du[..count], &places.dv[..count]);

@@ -88,7 +88,7 @@ impl Ground {
     }
 }
 
-#[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
 fn weigh(
     codes: &[f32],
     places: &Places,
