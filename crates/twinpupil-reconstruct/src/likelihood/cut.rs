@@ -431,7 +431,7 @@ fn cut_sharp(way: &Way, local: &Local, places: &Places, indices: &[u32], out: &m
             out.light[index] = (scale * light[lane]).min(out.open[index]);
             out.with_u[index] = density * edges.normal_u[lane];
             out.with_v[index] = density * edges.normal_v[lane];
-            out.with_radius[index] = density * edges.view[lane].px / local.radius_px;
+            out.with_radius[index] = density * edges.view[lane].per_gradient;
             out.with_blur[index] = scale * with_lines[lane];
         }
     }
