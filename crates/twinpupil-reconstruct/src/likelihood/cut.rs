@@ -16,7 +16,7 @@ use smallvec::SmallVec;
 use crate::likelihood::chords::{Circles, Dots, Edges, LANES, LINES, Lanes, POSITIONS, lanes, share};
 use crate::likelihood::light::{EdgeView, Light, Local, Places, SHARP_PX, WIDE_PX};
 use crate::likelihood::pencil::Edge;
-use crate::likelihood::sharp::{Trapezoid, depth};
+use crate::likelihood::sharp::Trapezoid;
 use crate::likelihood::soft::{Overlap, in_the_middle};
 use crate::likelihood::spot::Spot;
 
@@ -121,16 +121,23 @@ impl Meetings {
         self.kind.clear();
         self.kind.resize(places.len(), 0.0);
         kinds(local, places, &self.touched, &mut self.kind);
-        self.soft.clear();
-        self.sharp.clear();
-        for (index, kind) in self.kind.iter().enumerate() {
-            if *kind == 1.0 {
-                self.soft.push(index as u32);
-            } else if *kind == 2.0 {
-                self.sharp.push(index as u32);
-            }
-        }
+        let kind = &self.kind[..places.edge];
+        pick(kind, 1.0, &mut self.soft);
+        pick(kind, 2.0, &mut self.sharp);
     }
+}
+
+/// The samples of a kind.
+fn pick(kind: &[f32], wanted: f32, picked: &mut Vec<u32>) {
+    picked.clear();
+    picked.resize(kind.len(), 0);
+    let mut count = 0;
+    // Each is written, and the next one over it unless it is wanted: branches cost more where kinds alternate.
+    for (index, kind) in (0..).zip(kind) {
+        picked[count] = index;
+        count += usize::from(*kind == wanted);
+    }
+    picked.truncate(count);
 }
 
 #[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
@@ -304,7 +311,7 @@ impl Points {
         const HALF_WIDTH_PX: f32 = 0.288_675_13;
         let (step_px, side) = match self {
             Self::Two => ([HALF_WIDTH_PX; LANES], [0.5; LANES]),
-            Self::Three => (edges.of_pixels(|(step_px, _)| step_px), edges.of_pixels(|(_, side)| side)),
+            Self::Three => (edges.point_px, edges.point_share),
         };
         let inner = share(&Dots::stepped(local, edges, &step_px, -1.0));
         let outer = share(&Dots::stepped(local, edges, &step_px, 1.0));
@@ -321,7 +328,7 @@ impl Dots {
     /// Seen from so many steps outwards of the pixels' middles, which the curvature of the edge moves a little.
     #[inline(always)]
     fn stepped(local: &Local, edges: &Edges, step_px: &Lanes, steps: f32) -> Self {
-        Self::behind(local, edges, &lanes(|lane| steps * step_px[lane] + edges.view[lane].curvature_px()))
+        Self::behind(local, edges, &lanes(|lane| steps * step_px[lane] + edges.curvature_px[lane]))
     }
 }
 
@@ -371,10 +378,7 @@ fn cut_soft(way: &Way, local: &Local, points: Points, places: &Places, indices: 
 /// The part of a dot's edge across a pencil that the masks leave in the light.
 #[inline(always)]
 fn passes(edges: &Edges, shuts: &[Circles], rims: &[Circles]) -> Lanes {
-    let x = lanes(|lane| {
-        let edge = &edges.view[lane];
-        ((1.0 - edge.q) * edge.px / edge.blur_px).clamp(-0.99, 0.99)
-    });
+    let x = lanes(|lane| (edges.straight_px[lane] / edges.blur_px[lane]).clamp(-0.99, 0.99));
     let half = lanes(|lane| (1.0 - x[lane] * x[lane]).sqrt());
     let open = open_lengths(&x, &half, shuts, rims);
     lanes(|lane| open[lane] / (2.0 * half[lane]))
@@ -409,14 +413,13 @@ fn cut_sharp(way: &Way, local: &Local, places: &Places, indices: &[u32], out: &m
     for indices in indices.chunks(LANES) {
         let edges = Edges::of(local, places, indices);
         let [shuts, rims] = way.seen_by(&edges);
-        let depth_px = lanes(|lane| depth(&edges.view[lane]));
         let (mut light, mut density, mut with_lines, mut open) =
             ([0.0; LANES], [0.0; LANES], [0.0; LANES], [0.0; LANES]);
         for ((x, half), share) in POSITIONS.into_iter().zip(LINE_HALVES).zip(LINE_SHARES) {
             let lengths = open_lengths(&[x; LANES], &[half; LANES], &shuts, &rims);
             for lane in 0..LANES {
                 let pixel = Trapezoid::of(edges.normal_u[lane].abs(), edges.normal_v[lane].abs());
-                let (step, slope) = pixel.step(depth_px[lane] - edges.view[lane].blur_px * x);
+                let (step, slope) = pixel.step(edges.depth_px[lane] - edges.blur_px[lane] * x);
                 let weight = share * 0.5 / half * lengths[lane];
                 open[lane] += weight;
                 light[lane] += weight * step;
@@ -431,7 +434,7 @@ fn cut_sharp(way: &Way, local: &Local, places: &Places, indices: &[u32], out: &m
             out.light[index] = (scale * light[lane]).min(out.open[index]);
             out.with_u[index] = density * edges.normal_u[lane];
             out.with_v[index] = density * edges.normal_v[lane];
-            out.with_radius[index] = density * edges.view[lane].per_gradient;
+            out.with_radius[index] = density * edges.per_gradient[lane];
             out.with_blur[index] = scale * with_lines[lane];
         }
     }
