@@ -261,23 +261,27 @@ impl<'a> PlaneView<'a> {
 
     /// The codes of the page from the first pixel of one row of the plane to the end of that row of the page: every
     /// `step_px`-th is the plane's.
+    #[inline]
     pub fn line(&self, row: usize) -> &'a [u16] {
         let start = (self.origin_px[1] + row * self.step_px) * self.frame_width_px;
         &self.codes[start + self.origin_px[0]..start + self.frame_width_px]
     }
 
     /// The code of one pixel of the plane, which must lie within it.
+    #[inline]
     pub fn code(&self, column: usize, row: usize) -> u16 {
         let [u, v] = self.origin_px;
         self.codes[(v + row * self.step_px) * self.frame_width_px + u + column * self.step_px]
     }
 
     /// Frame column of a column of the plane, which may lie between pixels.
+    #[inline]
     pub fn frame_u_px(&self, column: f64) -> f64 {
         self.origin_px[0] as f64 + column * self.step_px as f64
     }
 
     /// Frame row of a row of the plane, which may lie between pixels.
+    #[inline]
     pub fn frame_v_px(&self, row: f64) -> f64 {
         self.origin_px[1] as f64 + row * self.step_px as f64
     }

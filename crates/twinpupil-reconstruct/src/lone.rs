@@ -1,6 +1,8 @@
 //! The centre of a feature that stands alone: all light in its window is its own, so one pass over the window's rows
 //! tells all.
 
+use multiversion::multiversion;
+
 use crate::centroid::Centre;
 use crate::lattice::Shape;
 use crate::noise::Noise;
@@ -73,20 +75,8 @@ pub(crate) struct Content {
 impl Content {
     /// All light of a window.
     pub(crate) fn of(light: &Light<'_>, window: Window, line: &mut Vec<f32>) -> Self {
-        let [c0, r0] = window.centre;
         light.fetch(window.rows(), window.columns());
-        let mut moments = Moments::default();
-        let (mut pixels, mut places) = (0.0, [0.0; 2]);
-        for Span { row, first, end } in window.spans() {
-            line.resize(end - first, 0.0);
-            light.read(row, first, line);
-            let (shift, dr) = (first as f64 - c0, row as f64 - r0);
-            let squares = squares_of_places(shift, dr, line.len());
-            pixels += line.len() as f64;
-            places = [places[0] + squares[0], places[1] + squares[1]];
-            moments.add(line, [shift, dr]);
-        }
-        Self { window, sums: moments.sums(), pixels, places }
+        sum_up(light, window, line)
     }
 
     /// Its centroid and shape; `None` without light.
@@ -105,6 +95,24 @@ impl Content {
         let scatter = scatter.of_light(self.pixels, light);
         Some((Centre { position, std }, Shape { light, squares, scatter, second }))
     }
+}
+
+#[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
+fn sum_up(light: &Light<'_>, window: Window, line: &mut Vec<f32>) -> Content {
+    let [c0, r0] = window.centre;
+    let mut moments = Moments::default();
+    let (mut pixels, mut places) = (0.0, [0.0; 2]);
+    line.resize(window.columns().len(), 0.0);
+    for Span { row, first, end } in window.spans() {
+        let line = &mut line[..end - first];
+        light.read_another(row, first, line);
+        let (shift, dr) = (first as f64 - c0, row as f64 - r0);
+        let squares = squares_of_places(shift, dr, line.len());
+        pixels += line.len() as f64;
+        places = [places[0] + squares[0], places[1] + squares[1]];
+        moments.add_another(line, [shift, dr]);
+    }
+    Content { window, sums: moments.sums(), pixels, places }
 }
 
 /// Squared distances along and across of so many pixels of a row, summed; the first lies at `[along, across]`.

@@ -37,8 +37,9 @@ pub(crate) struct Body {
     pace: f64,
     /// How far its edges moved last, over their widths.
     pub(crate) stride: f64,
-    /// The same of what its slopes did to them since.
+    /// The same of what its slopes did to them since, and that over the roots of their widths, √px.
     pub(crate) leant: f64,
+    pub(crate) leant_felt: f64,
     /// Whether its surface or its light have changed since so that it feels it.
     pub(crate) stirred: bool,
     /// Whether its light could be fitted at all.
@@ -55,8 +56,9 @@ pub(crate) struct Body {
     pub(crate) is_lit: bool,
     /// Whether pixels that do not fit were left out in the last round.
     pub(crate) masked: bool,
-    /// How many of its rows were looked at in the last round.
+    /// How many of its rows were looked at in the last round, and in the one before.
     pub(crate) seen: Share,
+    seen_before: Share,
     /// Whether another's light reaches into its window.
     pub(crate) has_neighbours: bool,
     /// Whether it takes part in the round.
@@ -194,6 +196,7 @@ const SOFTENING_PX: f64 = 2.0;
 /// neighbours are not in their places yet, and more rows would not help.
 const APPROACHED_STRIDE: f64 = 0.1;
 const APPROACHED_LEAN: f64 = 0.016;
+const APPROACHED_LEAN_FELT: f64 = 0.02;
 const APPROACH: usize = 4;
 
 /// Rounds after which pixels that do not fit are left out, come what may.
@@ -239,6 +242,7 @@ impl Body {
             pace: 0.0,
             stride: f64::INFINITY,
             leant: 0.0,
+            leant_felt: 0.0,
             stirred: false,
             alive: true,
             rounds: 0,
@@ -248,6 +252,7 @@ impl Body {
             is_lit: false,
             masked: false,
             seen: Share::Quarter,
+            seen_before: Share::Quarter,
             has_neighbours: false,
             moves: true,
             quality: FitQuality::default(),
@@ -351,7 +356,8 @@ impl Body {
 
     /// How many of its rows are to be looked at.
     pub(crate) fn share(&self) -> Share {
-        let is_close = self.stride < APPROACHED_STRIDE && self.leant < APPROACHED_LEAN;
+        let is_settled = self.leant < APPROACHED_LEAN && self.leant_felt < APPROACHED_LEAN_FELT;
+        let is_close = self.stride < APPROACHED_STRIDE && is_settled;
         if self.is_lit || is_close || self.rounds >= APPROACH { Share::All } else { Share::Quarter }
     }
 
@@ -369,7 +375,10 @@ impl Body {
     fn pace_itself(&mut self) {
         let along = |a: &Vector4<f64>| self.last_step.dot(&(self.information * a));
         let (ratio, before_sigmas) = (along(&self.step) / along(&self.last_step), along(&self.last_step).sqrt());
+        // Other rows lead to another place, but for what the equations of a dot that masks cut leave out.
+        let is_like_before = self.seen == self.seen_before || self.bands.iter().flatten().any(|l| l.spot.is_clipped());
         let tells = self.rounds > 1
+            && is_like_before
             && self.leant < APPROACHED_LEAN
             && self.moved_sigmas.min(before_sigmas) > SMALL_SIGMAS
             && ratio.is_finite();
@@ -377,6 +386,7 @@ impl Body {
         let is_slow = tells && (ratio > SLOW || self.gain > 1.0) && ratio < 1.0;
         self.gain = if is_slow { (self.gain / (1.0 - ratio)).clamp(1.0, GAIN_MAX) } else { 1.0 };
         self.last_step = self.step;
+        self.seen_before = self.seen;
     }
 
     /// Information on x, y, z and diameter from all bands when they were last looked at.
@@ -453,7 +463,7 @@ impl Body {
     pub(crate) fn advance(&mut self) {
         self.moved_sigmas = self.moved_sigmas();
         self.pace_itself();
-        (self.stirred, self.leant) = (false, 0.0);
+        (self.stirred, self.leant, self.leant_felt) = (false, 0.0, 0.0);
         self.stride = self.gain * self.bands.iter().flatten().map(BandLight::stride).fold(0.0, f64::max);
         self.quality = self.foreseen_quality();
         // Far from the solution a full step may overshoot: no spot moves by more than a quarter of its size.

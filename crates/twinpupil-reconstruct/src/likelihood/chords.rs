@@ -6,6 +6,7 @@
 use std::f32::consts::PI;
 
 use crate::likelihood::light::{EdgeView, Local, Places};
+use crate::likelihood::sharp::depth;
 
 /// Samples side by side.
 pub(crate) const LANES: usize = 16;
@@ -62,7 +63,16 @@ pub(crate) struct Edges {
     /// Outwards.
     pub(crate) normal_u: Lanes,
     pub(crate) normal_v: Lanes,
-    pub(crate) view: [EdgeView; LANES],
+    /// Depth behind it straight towards the centre, and as a nearly sharp pixel feels it.
+    pub(crate) straight_px: Lanes,
+    pub(crate) depth_px: Lanes,
+    pub(crate) blur_px: Lanes,
+    /// See [`EdgeView`].
+    pub(crate) curvature_px: Lanes,
+    pub(crate) per_gradient: Lanes,
+    /// Distance and share of the points that stand for the squares of the pixels, see [`EdgeView::pixel_points`].
+    pub(crate) point_px: Lanes,
+    pub(crate) point_share: Lanes,
 }
 
 /// Circles of a mask's edge as each of the samples sees it.
@@ -102,15 +112,28 @@ impl Edges {
     #[inline(always)]
     pub(crate) fn of(local: &Local, places: &Places, indices: &[u32]) -> Self {
         let index = |lane: usize| indices[lane.min(indices.len() - 1)] as usize;
-        let (du, dv) = (lanes(|lane| places.du[index(lane)]), lanes(|lane| places.dv[index(lane)]));
-        let view: [EdgeView; LANES] = std::array::from_fn(|lane| EdgeView::at(local, du[lane], dv[lane]));
-        Self { du, dv, normal_u: lanes(|lane| view[lane].normal_u), normal_v: lanes(|lane| view[lane].normal_v), view }
-    }
-
-    /// Of the points that stand for the squares of the pixels, see [`EdgeView::pixel_points`].
-    #[inline(always)]
-    pub(crate) fn of_pixels(&self, number: impl Fn((f32, f32)) -> f32) -> Lanes {
-        lanes(|lane| number(self.view[lane].pixel_points()))
+        let mut edges = Self {
+            du: lanes(|lane| places.du[index(lane)]),
+            dv: lanes(|lane| places.dv[index(lane)]),
+            normal_u: [0.0; LANES],
+            normal_v: [0.0; LANES],
+            straight_px: [0.0; LANES],
+            depth_px: [0.0; LANES],
+            blur_px: [0.0; LANES],
+            curvature_px: [0.0; LANES],
+            per_gradient: [0.0; LANES],
+            point_px: [0.0; LANES],
+            point_share: [0.0; LANES],
+        };
+        for lane in 0..LANES {
+            let edge = EdgeView::at(local, edges.du[lane], edges.dv[lane]);
+            (edges.normal_u[lane], edges.normal_v[lane]) = (edge.normal_u, edge.normal_v);
+            (edges.straight_px[lane], edges.depth_px[lane]) = ((1.0 - edge.q) * edge.px, depth(&edge));
+            (edges.blur_px[lane], edges.curvature_px[lane]) = (edge.blur_px, edge.curvature_px());
+            edges.per_gradient[lane] = edge.per_gradient;
+            (edges.point_px[lane], edges.point_share[lane]) = edge.pixel_points();
+        }
+        edges
     }
 }
 
@@ -146,7 +169,7 @@ impl Dots {
     /// Seen from places that lie so far outwards of the samples.
     #[inline(always)]
     pub(crate) fn behind(local: &Local, edges: &Edges, outwards_px: &Lanes) -> Self {
-        let [[xx, xy], [yx, yy]] = local.inverse;
+        let ([[xx, xy], [yx, yy]], per_radius) = (local.inverse, 1.0 / local.radius_px);
         let mut dots = Self {
             start: [[0.0; LANES]; 2],
             across: [[0.0; LANES]; 2],
@@ -162,7 +185,7 @@ impl Dots {
             let (u, v) = (edges.du[lane] + outwards_px * cos, edges.dv[lane] + outwards_px * sin);
             let turn = |u: f32, v: f32| [xx * u + xy * v, yx * u + yy * v];
             let start = turn(u, v);
-            let blur_px = local.blur_px + local.blur_growth_px * start[0] / local.radius_px;
+            let blur_px = local.blur_px + local.blur_growth_px * start[0] * per_radius;
             let [growth_u, growth_v] = local.blur_gradient;
             let (growth_across, growth_along) = (growth_u * cos + growth_v * sin, growth_v * cos - growth_u * sin);
             let across = turn(blur_px * cos - growth_across * u, blur_px * sin - growth_across * v);
@@ -175,8 +198,7 @@ impl Dots {
             dots.growth_across[lane] = growth_across;
             dots.growth_along[lane] = growth_along;
             // No line beyond the edge's tangent meets the dot.
-            let edge = &edges.view[lane];
-            let reach = ((1.0 - edge.q) * edge.px - outwards_px) / blur_px;
+            let reach = (edges.straight_px[lane] - outwards_px) / blur_px;
             let reach = reach + 0.01 * reach.abs().copysign(blur_px);
             dots.high[lane] = if blur_px > 0.0 { reach.min(1.0) } else { 1.0 };
             dots.low[lane] = if blur_px > 0.0 { -1.0 } else { reach.max(-1.0) };

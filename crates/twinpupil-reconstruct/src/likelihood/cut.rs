@@ -16,8 +16,8 @@ use smallvec::SmallVec;
 use crate::likelihood::chords::{Circles, Dots, Edges, LANES, LINES, Lanes, POSITIONS, lanes, share};
 use crate::likelihood::light::{EdgeView, Light, Local, Places, SHARP_PX, WIDE_PX};
 use crate::likelihood::pencil::Edge;
-use crate::likelihood::sharp::{Trapezoid, depth};
-use crate::likelihood::soft::Overlap;
+use crate::likelihood::sharp::Trapezoid;
+use crate::likelihood::soft::{Overlap, in_the_middle};
 use crate::likelihood::spot::Spot;
 
 /// Half the diagonal of a pixel.
@@ -87,7 +87,7 @@ pub(crate) fn slanted(spot: &Spot, local: &Local, places: &Places, out: &mut Lig
     meetings.find(local, places);
     // An outline that is more curved than the blur may cross the pupil's rim four times.
     let is_wide = spot.blur_px_max() < (1.0 - spot.foreshortening()).powi(2) * spot.radius_px;
-    slanted_soft(local, Points::of(spot), is_wide, places, &meetings.soft, out);
+    slanted_soft(local, is_wide, places, &meetings.soft, out);
     out.meetings = meetings;
 }
 
@@ -121,19 +121,26 @@ impl Meetings {
         self.kind.clear();
         self.kind.resize(places.len(), 0.0);
         kinds(local, places, &self.touched, &mut self.kind);
-        self.soft.clear();
-        self.sharp.clear();
-        for (index, kind) in self.kind.iter().enumerate() {
-            if *kind == 1.0 {
-                self.soft.push(index as u32);
-            } else if *kind == 2.0 {
-                self.sharp.push(index as u32);
-            }
-        }
+        let kind = &self.kind[..places.edge];
+        pick(kind, 1.0, &mut self.soft);
+        pick(kind, 2.0, &mut self.sharp);
     }
 }
 
-#[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
+/// The samples of a kind.
+fn pick(kind: &[f32], wanted: f32, picked: &mut Vec<u32>) {
+    picked.clear();
+    picked.resize(kind.len(), 0);
+    let mut count = 0;
+    // Each is written, and the next one over it unless it is wanted: branches cost more where kinds alternate.
+    for (index, kind) in (0..).zip(kind) {
+        picked[count] = index;
+        count += usize::from(*kind == wanted);
+    }
+    picked.truncate(count);
+}
+
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
 fn kinds(local: &Local, places: &Places, touched: &[f32], kind: &mut [f32]) {
     let count = places.edge;
     let (du, dv) = (&places.du[..count], &places.dv[..count]);
@@ -229,7 +236,7 @@ fn cut_way(way: &Way, local: &Local, points: Points, places: &Places, out: &mut 
 }
 
 /// Takes what one circle shuts, inside (1) or outside (−1), from the open share of the pencils.
-#[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
 fn close(circle: &Circle, inside: f32, places: &Places, touched: &mut [f32], open: &mut [f32]) {
     let count = places.len();
     let (du, dv) = (&places.du[..count], &places.dv[..count]);
@@ -274,7 +281,7 @@ fn passing(dots: Option<&Dots>, shuts: &[Circles], rims: &[Circles]) -> Lanes {
 }
 
 /// Dims light and derivatives where the edge of the dot is not cut.
-#[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
 fn dim(kind: &[f32], out: &mut Light) {
     let Light { light, with_u, with_v, with_radius, with_blur, open, .. } = out;
     for values in [light, with_u, with_v, with_radius, with_blur] {
@@ -304,7 +311,7 @@ impl Points {
         const HALF_WIDTH_PX: f32 = 0.288_675_13;
         let (step_px, side) = match self {
             Self::Two => ([HALF_WIDTH_PX; LANES], [0.5; LANES]),
-            Self::Three => (edges.of_pixels(|(step_px, _)| step_px), edges.of_pixels(|(_, side)| side)),
+            Self::Three => (edges.point_px, edges.point_share),
         };
         let inner = share(&Dots::stepped(local, edges, &step_px, -1.0));
         let outer = share(&Dots::stepped(local, edges, &step_px, 1.0));
@@ -321,26 +328,25 @@ impl Dots {
     /// Seen from so many steps outwards of the pixels' middles, which the curvature of the edge moves a little.
     #[inline(always)]
     fn stepped(local: &Local, edges: &Edges, step_px: &Lanes, steps: f32) -> Self {
-        Self::behind(local, edges, &lanes(|lane| steps * step_px[lane] + edges.view[lane].curvature_px()))
+        Self::behind(local, edges, &lanes(|lane| steps * step_px[lane] + edges.curvature_px[lane]))
     }
 }
 
-#[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
-fn slanted_soft(local: &Local, points: Points, is_wide: bool, places: &Places, indices: &[u32], out: &mut Light) {
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
+fn slanted_soft(local: &Local, is_wide: bool, places: &Places, indices: &[u32], out: &mut Light) {
     for indices in indices.chunks(LANES) {
         let edges = Edges::of(local, places, indices);
-        let light = if is_wide {
-            points.mean(local, &edges, |dots| dots.meeting())
-        } else {
-            points.mean(local, &edges, |dots| share(Some(dots), &[]))
-        };
+        let middles = Dots::stepped(local, &edges, &[0.0; LANES], 0.0);
+        let slanted = if is_wide { middles.meeting() } else { share(Some(&middles), &[]) };
+        // What lines tell otherwise changes little across a pixel.
+        let more = lanes(|lane| slanted[lane] - in_the_middle(local, edges.du[lane], edges.dv[lane]));
         for (lane, index) in indices.iter().enumerate() {
-            out.light[*index as usize] = light[lane];
+            out.light[*index as usize] += more[lane];
         }
     }
 }
 
-#[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
 fn cut_soft(way: &Way, local: &Local, points: Points, places: &Places, indices: &[u32], out: &mut Light) {
     for indices in indices.chunks(LANES) {
         let edges = Edges::of(local, places, indices);
@@ -372,10 +378,7 @@ fn cut_soft(way: &Way, local: &Local, points: Points, places: &Places, indices: 
 /// The part of a dot's edge across a pencil that the masks leave in the light.
 #[inline(always)]
 fn passes(edges: &Edges, shuts: &[Circles], rims: &[Circles]) -> Lanes {
-    let x = lanes(|lane| {
-        let edge = &edges.view[lane];
-        ((1.0 - edge.q) * edge.px / edge.blur_px).clamp(-0.99, 0.99)
-    });
+    let x = lanes(|lane| (edges.straight_px[lane] / edges.blur_px[lane]).clamp(-0.99, 0.99));
     let half = lanes(|lane| (1.0 - x[lane] * x[lane]).sqrt());
     let open = open_lengths(&x, &half, shuts, rims);
     lanes(|lane| open[lane] / (2.0 * half[lane]))
@@ -405,19 +408,18 @@ fn open_lengths(x: &Lanes, half: &Lanes, shuts: &[Circles], rims: &[Circles]) ->
 
 /// Light and derivatives of nearly sharp edges: every line across the pupil makes a step of its own, as high as the line
 /// is open.
-#[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
 fn cut_sharp(way: &Way, local: &Local, places: &Places, indices: &[u32], out: &mut Light) {
     for indices in indices.chunks(LANES) {
         let edges = Edges::of(local, places, indices);
         let [shuts, rims] = way.seen_by(&edges);
-        let depth_px = lanes(|lane| depth(&edges.view[lane]));
         let (mut light, mut density, mut with_lines, mut open) =
             ([0.0; LANES], [0.0; LANES], [0.0; LANES], [0.0; LANES]);
         for ((x, half), share) in POSITIONS.into_iter().zip(LINE_HALVES).zip(LINE_SHARES) {
             let lengths = open_lengths(&[x; LANES], &[half; LANES], &shuts, &rims);
             for lane in 0..LANES {
                 let pixel = Trapezoid::of(edges.normal_u[lane].abs(), edges.normal_v[lane].abs());
-                let (step, slope) = pixel.step(depth_px[lane] - edges.view[lane].blur_px * x);
+                let (step, slope) = pixel.step(edges.depth_px[lane] - edges.blur_px[lane] * x);
                 let weight = share * 0.5 / half * lengths[lane];
                 open[lane] += weight;
                 light[lane] += weight * step;
@@ -432,7 +434,7 @@ fn cut_sharp(way: &Way, local: &Local, places: &Places, indices: &[u32], out: &m
             out.light[index] = (scale * light[lane]).min(out.open[index]);
             out.with_u[index] = density * edges.normal_u[lane];
             out.with_v[index] = density * edges.normal_v[lane];
-            out.with_radius[index] = density * edges.view[lane].px / local.radius_px;
+            out.with_radius[index] = density * edges.per_gradient[lane];
             out.with_blur[index] = scale * with_lines[lane];
         }
     }

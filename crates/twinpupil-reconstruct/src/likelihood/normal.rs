@@ -136,10 +136,10 @@ impl Sums {
                 multiply(columns.map(|column| &column[block.clone()]), weight, residual, feels_edge, &mut products);
                 self.used += used(weight);
             }
-            let rest = range.end - range.len() % PAIR..range.end;
+            let rest = range.end - range.len() % LANES..range.end;
             let [weight, residual] =
-                [&weights.weight, &weights.residual].map(|values| padded_pair(&values[rest.clone()]));
-            let columns = columns.map(|column| padded_pair(&column[rest.clone()]));
+                [&weights.weight, &weights.residual].map(|values| padded_lanes(&values[rest.clone()]));
+            let columns = columns.map(|column| padded_lanes(&column[rest.clone()]));
             multiply(columns.each_ref().map(|column| &column[..]), &weight, &residual, feels_edge, &mut products);
             self.add(&products);
         }
@@ -161,12 +161,9 @@ impl Sums {
 /// Pixels whose derivatives are near at hand.
 const BLOCK: usize = 512;
 
-/// Sums side by side.
-const LANES: usize = 8;
+/// Pixels that are looked at together, and sums side by side.
+const LANES: usize = 16;
 type Lanes = [f32; LANES];
-
-/// Pixels that are looked at together.
-const PAIR: usize = 2 * LANES;
 
 /// Sums of the products of every column with those from it on, and with the residuals; and of their squares.
 #[derive(Default)]
@@ -180,22 +177,24 @@ struct Products {
     chi2: [Lanes; 1],
 }
 
-fn padded_pair(rest: &[f32]) -> [f32; PAIR] {
+fn padded_lanes(rest: &[f32]) -> [f32; LANES] {
     padded(rest)
 }
 
-fn total([a, b, c, d, e, f, g, h]: &Lanes) -> f64 {
+fn total(lanes: &Lanes) -> f64 {
+    let half = |lanes: &[f32]| std::array::from_fn(|lane| lanes[lane] + lanes[lane + 4]);
+    let ([a, b, c, d], [e, f, g, h]): ([f32; 4], [f32; 4]) = (half(&lanes[..8]), half(&lanes[8..]));
     f64::from(((a + e) + (c + g)) + ((b + f) + (d + h)))
 }
 
 /// Pixels that count.
-#[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2", "x86_64+avx"))]
 fn used(weight: &[f32]) -> usize {
     weight.iter().map(|weight| u32::from(*weight > 0.0)).sum::<u32>() as usize
 }
 
 /// Adds the products of all columns, or of those of light and open share.
-#[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2", "x86_64+avx"))]
 fn multiply(
     [u, v, radius, blur, light, open]: [&[f32]; UNKNOWNS],
     weight: &[f32],
@@ -214,24 +213,22 @@ fn multiply(
     add(weight, residual, [residual], &mut products.chi2);
 }
 
-/// Adds the weighted products of a column with others, for whole pairs of lanes.
+/// Adds the weighted products of a column with others, for whole lanes.
 #[inline(always)]
 fn add<const N: usize>(weight: &[f32], column: &[f32], others: [&[f32]; N], sums: &mut [Lanes; N]) {
-    let count = weight.len() / PAIR;
-    let [weights, columns] = [weight, column].map(|values| &values.as_chunks::<PAIR>().0[..count]);
-    let chunks = others.map(|other| &other.as_chunks::<PAIR>().0[..count]);
+    let count = weight.len() / LANES;
+    let [weights, columns] = [weight, column].map(|values| &values.as_chunks::<LANES>().0[..count]);
+    let chunks = others.map(|other| &other.as_chunks::<LANES>().0[..count]);
     // Sums of their own stay in registers, as long as they are not added up here.
     let mut own = *sums;
     for chunk in 0..count {
-        for half in 0..2 {
-            let mut weighted = [0.0; LANES];
+        let mut weighted = [0.0; LANES];
+        for lane in 0..LANES {
+            weighted[lane] = weights[chunk][lane] * columns[chunk][lane];
+        }
+        for k in 0..N {
             for lane in 0..LANES {
-                weighted[lane] = weights[chunk][LANES * half + lane] * columns[chunk][LANES * half + lane];
-            }
-            for k in 0..N {
-                for lane in 0..LANES {
-                    own[k][lane] += weighted[lane] * chunks[k][chunk][LANES * half + lane];
-                }
+                own[k][lane] += weighted[lane] * chunks[k][chunk][lane];
             }
         }
     }
@@ -242,14 +239,14 @@ fn add<const N: usize>(weight: &[f32], column: &[f32], others: [&[f32]; N], sums
 pub(crate) fn products_with(others: [&[f32]; 5], weight: &[f32], column: &[f32]) -> [f64; 5] {
     let mut sums = [Lanes::default(); 5];
     multiply_with(others, weight, column, &mut sums);
-    let rest = weight.len() - weight.len() % PAIR..;
-    let others = others.map(|other| padded_pair(&other[rest.clone()]));
-    let [weight, column] = [weight, column].map(|values| padded_pair(&values[rest.clone()]));
+    let rest = weight.len() - weight.len() % LANES..;
+    let others = others.map(|other| padded_lanes(&other[rest.clone()]));
+    let [weight, column] = [weight, column].map(|values| padded_lanes(&values[rest.clone()]));
     multiply_with(others.each_ref().map(|other| &other[..]), &weight, &column, &mut sums);
     sums.map(|lanes| total(&lanes))
 }
 
-#[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2", "x86_64+avx"))]
 fn multiply_with(others: [&[f32]; 5], weight: &[f32], column: &[f32], sums: &mut [Lanes; 5]) {
     add(weight, column, others, sums);
 }

@@ -63,6 +63,13 @@ impl Outline {
         }
     }
 
+    /// Area between the two sides of the edge, px².
+    pub(crate) fn edge_px2(&self) -> f64 {
+        let [[a, b], [c, d]] = self.axes_px;
+        let [inner, outer] = [Side::Inner, Side::Outer].map(|side| self.size(side));
+        std::f64::consts::PI * (outer * outer - inner * inner) * (a * d - b * c).abs()
+    }
+
     /// A side of the edge, ready to be crossed by rows.
     pub(crate) fn curve(&self, side: Side) -> Curve {
         let [[a, b], [c, d]] = self.per_px;

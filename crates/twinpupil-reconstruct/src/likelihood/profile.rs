@@ -96,7 +96,7 @@ impl Profile {
 }
 
 /// Integrates at nodes that begin `reach_px` within the outline.
-#[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
 fn integrate(radius_px: f32, blur_px: f32, reach_px: f32, columns: &mut Columns) {
     let (per_radius, step_px) = (1.0 / radius_px, 2.0 * reach_px / STEPS as f32);
     let beta = blur_px * per_radius;
@@ -120,7 +120,7 @@ fn integrate(radius_px: f32, blur_px: f32, reach_px: f32, columns: &mut Columns)
 }
 
 /// Fills the rows between the nodes.
-#[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
 fn refine([light, with_t, with_blur, turned]: &Columns, step_px: f32, rows: &mut [Row; ROWS]) {
     // A″h²/12 over the second derivative by the share of a step.
     const CHORD: f32 = 1.0 / (12 * FINENESS * FINENESS) as f32;
@@ -146,7 +146,7 @@ fn refine([light, with_t, with_blur, turned]: &Columns, step_px: f32, rows: &mut
     rows[STEPS * FINENESS] = [light[STEPS], with_t[STEPS], with_blur[STEPS], turned[STEPS]];
 }
 
-#[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
 fn look_up(profile: &Profile, local: &Local, places: &Places, out: &mut Light) {
     let count = places.edge;
     let Light { light, with_u, with_v, with_radius, with_blur, .. } = out;

@@ -108,8 +108,9 @@ impl Refined {
     }
 }
 
-/// A change of slope that moves a dot's edge by so much is felt, px.
-const SLOPE_FELT_PX: f64 = 0.012;
+/// A change of slope that moves a dot's edge by so much is felt, over the root of the edge's half width, √px: the wider it is
+/// the less is known of its place.
+const SLOPE_FELT: f64 = 0.006;
 
 /// A dot whose χ² a pixel is below the first, or below so many times that of dots that are explained well, is where its surface
 /// is.
@@ -304,13 +305,14 @@ fn set_slopes(bodies: &mut [Body], slopes: &mut Slopes, is_asked: impl Fn(&Body)
 fn lean(body: &mut Body, slopes: [f64; 2]) {
     let before = body.dot.slopes;
     let shift_px = |light: &BandLight| edge_shift_px(light.spot.radius_px, before, slopes);
-    let felt = body.bands.iter().flatten().any(|light| shift_px(light) > SLOPE_FELT_PX);
-    if body.rests() && !felt {
+    let largest = |shares: &dyn Fn(&BandLight) -> f64| body.bands.iter().flatten().map(shares).fold(0.0, f64::max);
+    let felt = largest(&|light| shift_px(light) / light.spot.edge_px().sqrt());
+    if body.rests() && felt <= SLOPE_FELT {
         return;
     }
-    body.stirred |= felt;
-    let shares = body.bands.iter().flatten().map(|light| shift_px(light) / light.spot.edge_px());
-    body.leant = shares.fold(0.0, f64::max);
+    let leant = largest(&|light| shift_px(light) / light.spot.edge_px());
+    body.stirred |= felt > SLOPE_FELT;
+    (body.leant, body.leant_felt) = (leant, felt);
     body.lean(slopes);
 }
 

@@ -69,8 +69,10 @@ pub(crate) struct Window {
 /// Pixels side by side.
 const LANES: usize = 8;
 
-/// Every which row is of the quarter.
+/// Every which row is of the quarter; and where that has so many pixels that feel an edge that half of them tell enough.
 const QUARTER: usize = 4;
+const EIGHTH: usize = 8;
+const EDGE_MANY: f64 = 480.0;
 
 /// A window with fewer samples than this is looked at as a whole.
 const SAMPLES_FEW: usize = 256;
@@ -138,7 +140,12 @@ impl Samples {
     fn read_zones(&mut self, plane: &PlaneView<'_>, rings: &Rings, sums_ground: bool) -> Window {
         let rows = rows(plane, rings.outline.centre_px[1], rings.window_px);
         let area = rows.len() * (2.0 * rings.window_px / plane.step_px as f64) as usize;
-        let every = if area < SAMPLES_FEW { 1 } else { QUARTER };
+        let edge = rings.outline.edge_px2() / (plane.step_px * plane.step_px) as f64;
+        let every = match area < SAMPLES_FEW {
+            true => 1,
+            false if edge < QUARTER as f64 * EDGE_MANY => QUARTER,
+            false => EIGHTH,
+        };
         let first = counts(&self.zones);
         let curves = Curves::of(rings);
         let mut tallies = rings.levels.map(Tally::about);
@@ -217,7 +224,7 @@ impl Zone {
 }
 
 /// Adds the pixels of rows to zones, or to the sums over what the spot fills and over the ground.
-#[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2", "x86_64+avx"))]
 fn read_rows(
     plane: &PlaneView<'_>,
     curves: &Curves,

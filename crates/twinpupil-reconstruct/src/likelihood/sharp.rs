@@ -20,7 +20,7 @@ const NEAR_PX: f32 = 2.0;
 /// At a depth d behind an edge with normal n the light is the edge's step averaged over the chords of the blur, and over
 /// the square of the pixel, whose projection on n is a trapezoid. The edge's curvature κ moves the half-lit line inwards
 /// by half the curvature times the mean square of both along the edge, `(b²/4 + 1/12) κ/2`.
-#[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
 pub(crate) fn sharp(local: &Local, blur_px_max: f32, places: &Places, out: &mut Light) {
     let count = places.edge;
     let (du, dv) = (&places.du[..count], &places.dv[..count]);
@@ -30,7 +30,6 @@ pub(crate) fn sharp(local: &Local, blur_px_max: f32, places: &Places, out: &mut 
     for index in 0..count {
         let edge = EdgeView::at(local, du[index] - local.skewed_px[0], dv[index] - local.skewed_px[1]);
         let blur = edge.blur_px.abs();
-        let per_gradient = edge.px / local.radius_px;
         let depth = depth(&edge);
         let pixel = Trapezoid::of(edge.normal_u.abs(), edge.normal_v.abs());
         let (mut light, mut density, mut with_lines) = (0.0, 0.0, 0.0);
@@ -44,7 +43,7 @@ pub(crate) fn sharp(local: &Local, blur_px_max: f32, places: &Places, out: &mut 
         out_light[index] = chosen(light, out_light[index]);
         with_u[index] = chosen(density * edge.normal_u, with_u[index]);
         with_v[index] = chosen(density * edge.normal_v, with_v[index]);
-        with_radius[index] = chosen(density * per_gradient, with_radius[index]);
+        with_radius[index] = chosen(density * edge.per_gradient, with_radius[index]);
         with_blur[index] = chosen(with_lines.copysign(with_lines * edge.blur_px), with_blur[index]);
     }
 }
@@ -74,12 +73,8 @@ impl Trapezoid {
     pub(crate) fn of(u: f32, v: f32) -> Self {
         const FLATTEST: f32 = 1e-3;
         let (long, short) = (u.max(v), u.min(v).max(FLATTEST));
-        Self {
-            outer: 0.5 * (long + short),
-            inner: 0.5 * (long - short),
-            height: 1.0 / long,
-            fall: 1.0 / (long * short),
-        }
+        let fall = 1.0 / (long * short);
+        Self { outer: 0.5 * (long + short), inner: 0.5 * (long - short), height: short * fall, fall }
     }
 
     /// Share of the pixel behind an edge that lies `depth` before its centre, and the change with the depth.

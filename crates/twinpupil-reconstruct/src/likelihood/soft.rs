@@ -11,7 +11,7 @@
 //! foreshortened, the blur is an ellipse to it; a nearly straight edge only feels how far that reaches across the edge,
 //! so β is taken along the edge's normal.
 
-use std::f32::consts::{FRAC_PI_2, PI};
+use std::f32::consts::{FRAC_1_PI, FRAC_PI_2, PI};
 
 use multiversion::multiversion;
 
@@ -21,60 +21,76 @@ use crate::likelihood::light::{EdgeView, Light, Local, Places};
 const BETA_MIN: f32 = 1e-3;
 
 /// Fills light and derivatives of a spot; a pixel's square stands at three points across the edge.
-#[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
 pub(crate) fn soft(local: &Local, places: &Places, out: &mut Light) {
     let count = places.edge;
     let (du, dv) = (&places.du[..count], &places.dv[..count]);
     let light = &mut out.light[..count];
     let (with_u, with_v) = (&mut out.with_u[..count], &mut out.with_v[..count]);
     let (with_radius, with_blur) = (&mut out.with_radius[..count], &mut out.with_blur[..count]);
+    let per_radius = 1.0 / local.radius_px;
     for index in 0..count {
         let edge = EdgeView::at(local, du[index] - local.skewed_px[0], dv[index] - local.skewed_px[1]);
-        let beta = (edge.blur_px.abs() / edge.px).max(BETA_MIN);
         let (step_px, side) = edge.pixel_points();
-        let step = step_px / edge.px;
-        // Along the edge, its curvature makes a step inwards of the pixel's extent.
-        let q = edge.q + edge.curvature_px() / edge.px + edge.slanted(beta);
+        let step = step_px * edge.per_px;
+        let (q, beta) = nearest_part(&edge);
         let (outer, middle, inner) =
             (Overlap::of(q + step, beta), Overlap::of(q, beta), Overlap::of((q - step).abs(), beta));
         let centre = 1.0 - 2.0 * side;
         let with_q = side * (outer.with_q + inner.with_q) + centre * middle.with_q;
         let with_beta = side * (outer.with_beta + inner.with_beta) + centre * middle.with_beta;
         light[index] = side * (outer.light + inner.light) + centre * middle.light;
-        with_u[index] = -with_q * edge.gx / local.radius_px;
-        with_v[index] = -with_q * edge.gy / local.radius_px;
-        with_radius[index] = -(edge.q * with_q + beta * with_beta) / local.radius_px;
-        with_blur[index] = (with_beta / edge.px).copysign(with_beta * edge.blur_px);
+        with_u[index] = -with_q * edge.gx * per_radius;
+        with_v[index] = -with_q * edge.gy * per_radius;
+        with_radius[index] = -(edge.q * with_q + beta * with_beta) * per_radius;
+        with_blur[index] = (with_beta * edge.per_px).copysign(with_beta * edge.blur_px);
     }
+}
+
+/// Distance of a pixel's middle from the centre of the unit disc, and its blur there, as the nearest part of the edge has
+/// them.
+#[inline(always)]
+fn nearest_part(edge: &EdgeView) -> (f32, f32) {
+    let beta = (edge.blur_px.abs() * edge.per_px).max(BETA_MIN);
+    // Along the edge, its curvature makes a step inwards of the pixel's extent.
+    (edge.q + edge.curvature_px() * edge.per_px + edge.slanted(beta), beta)
+}
+
+/// What [`soft`] and [`wide`] would have in the middle of a pixel, were it a point.
+#[inline(always)]
+pub(crate) fn in_the_middle(local: &Local, du: f32, dv: f32) -> f32 {
+    let edge = EdgeView::at(local, du - local.skewed_px[0], dv - local.skewed_px[1]);
+    let (q, beta) = nearest_part(&edge);
+    Overlap::of(q, beta).light
 }
 
 /// Fills light and derivatives of a spot whose blur is so wide that the pixel matters at the two ends of the edge only,
 /// where the profile is not smooth; see [`reach`].
-#[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
 pub(crate) fn wide(local: &Local, places: &Places, out: &mut Light) {
     let count = places.edge;
     let (du, dv) = (&places.du[..count], &places.dv[..count]);
     let light = &mut out.light[..count];
     let (with_u, with_v) = (&mut out.with_u[..count], &mut out.with_v[..count]);
     let (with_radius, with_blur) = (&mut out.with_radius[..count], &mut out.with_blur[..count]);
+    let per_radius = 1.0 / local.radius_px;
     for index in 0..count {
         let edge = EdgeView::at(local, du[index] - local.skewed_px[0], dv[index] - local.skewed_px[1]);
-        let beta = (edge.blur_px.abs() / edge.px).max(BETA_MIN);
-        // Across the edge in px: towards the dot from where the light begins, and outwards from where it is full.
+        let beta = (edge.blur_px.abs() * edge.per_px).max(BETA_MIN);
         let q = edge.q + edge.slanted(beta);
         // Across the edge in px: towards the dot from where the light begins, and outwards from where it is full.
         let (begins, ends) = ((1.0 + beta - q) * edge.px, (q - (1.0 - beta).abs()) * edge.px);
         let (outer, outer_slope) = reach(begins);
         let (inner, inner_slope) = reach(ends);
         let inwards = outer - inner - begins + ends - edge.curvature_px();
-        let overlap = Overlap::of(q - inwards / edge.px, beta);
+        let overlap = Overlap::of(q - inwards * edge.per_px, beta);
         let with_beta = overlap.with_beta - overlap.with_q * (outer_slope - inner_slope);
         let with_q = overlap.with_q * (outer_slope + inner_slope - 1.0);
         light[index] = overlap.light;
-        with_u[index] = -with_q * edge.gx / local.radius_px;
-        with_v[index] = -with_q * edge.gy / local.radius_px;
-        with_radius[index] = -(edge.q * with_q + beta * with_beta) / local.radius_px;
-        with_blur[index] = (with_beta / edge.px).copysign(with_beta * edge.blur_px);
+        with_u[index] = -with_q * edge.gx * per_radius;
+        with_v[index] = -with_q * edge.gy * per_radius;
+        with_radius[index] = -(edge.q * with_q + beta * with_beta) * per_radius;
+        with_blur[index] = (with_beta * edge.per_px).copysign(with_beta * edge.blur_px);
     }
 }
 
@@ -90,14 +106,20 @@ impl Overlap {
     #[inline(always)]
     pub(crate) fn of(q: f32, beta: f32) -> Self {
         let q = q.max(1e-6);
-        let (t, half_q) = (q - 1.0, 0.5 / q);
+        let t = q - 1.0;
         let kite = ((q + 1.0) * (q + 1.0) - beta * beta) * (beta * beta - t * t);
-        let y = kite.max(0.0).sqrt() * half_q;
-        let dot_angle = angle(y, (q * q + 1.0 - beta * beta) * half_q);
-        let blur_angle = angle(y, (q * q - 1.0 + beta * beta) * half_q);
-        let share = 1.0 / (PI * beta * beta);
-        let light = (beta * beta * blur_angle + dot_angle - q * y) * share;
-        Self { light, with_q: -2.0 * y * share, with_beta: 2.0 * blur_angle * beta * share - 2.0 * light / beta }
+        // 2 q times the half chord, and what lies between it and either centre.
+        let chord = kite.max(0.0).sqrt();
+        let (of_dot, of_blur) =
+            (Octant::of(chord, q * q + 1.0 - beta * beta), Octant::of(chord, q * q - 1.0 + beta * beta));
+        // One division for all.
+        let inverse = 1.0 / (q * of_dot.long * of_blur.long);
+        let per_q = inverse * of_dot.long * of_blur.long;
+        let dot_angle = of_dot.angle(of_dot.short * inverse * q * of_blur.long);
+        let blur_angle = of_blur.angle(of_blur.short * inverse * q * of_dot.long);
+        let share = (1.0 / (beta * beta)) * FRAC_1_PI;
+        let light = (beta * beta * blur_angle + dot_angle - 0.5 * chord) * share;
+        Self { light, with_q: -chord * per_q * share, with_beta: 2.0 * share * beta * (blur_angle - PI * light) }
     }
 }
 
@@ -134,14 +156,39 @@ fn reach(depth: f32) -> (f32, f32) {
     if depth < BEFORE { (0.0, 0.0) } else { (value, slope) }
 }
 
-/// Angle of the point (x, y), y ≥ 0, from 0 to π; 4·10⁻⁸ off at most.
+/// A point (x, y), y ≥ 0, by its shorter and its longer coordinate.
+#[derive(Debug, Clone, Copy)]
+struct Octant {
+    short: f32,
+    long: f32,
+    is_steep: bool,
+    is_left: bool,
+}
+
+impl Octant {
+    #[inline(always)]
+    fn of(y: f32, x: f32) -> Self {
+        /// So that products of the longer ones have an inverse.
+        const LONG_MIN: f32 = 1e-12;
+        let size = x.abs();
+        Self { short: y.min(size), long: y.max(size).max(LONG_MIN), is_steep: y > size, is_left: x < 0.0 }
+    }
+
+    /// From 0 to π, given the shorter over the longer coordinate; 4·10⁻⁸ off at most.
+    #[inline(always)]
+    fn angle(&self, ratio: f32) -> f32 {
+        let arc = arc_tangent(ratio);
+        let first = if self.is_steep { FRAC_PI_2 - arc } else { arc };
+        if self.is_left { PI - first } else { first }
+    }
+}
+
+/// Angles of two points (x, y), y ≥ 0, from 0 to π, for one division.
 #[inline(always)]
-pub(crate) fn angle(y: f32, x: f32) -> f32 {
-    let steep = y > x.abs();
-    let ratio = y.min(x.abs()) / y.max(x.abs()).max(1e-30);
-    let arc = arc_tangent(ratio);
-    let first = if steep { FRAC_PI_2 - arc } else { arc };
-    if x < 0.0 { PI - first } else { first }
+pub(crate) fn angles([first_y, second_y]: [f32; 2], [first_x, second_x]: [f32; 2]) -> [f32; 2] {
+    let (first, second) = (Octant::of(first_y, first_x), Octant::of(second_y, second_x));
+    let inverse = 1.0 / (first.long * second.long);
+    [first.angle(first.short * second.long * inverse), second.angle(second.short * first.long * inverse)]
 }
 
 /// Arc tangent on 0 to 1: the polynomial of degree 15 whose largest error is least.

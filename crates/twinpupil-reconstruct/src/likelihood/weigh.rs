@@ -75,6 +75,7 @@ struct Ground {
     /// Their light; nothing is near it where the ground is bright or unevenly lit.
     light: f32,
     reading: Reading,
+    variance: f32,
 }
 
 impl Ground {
@@ -84,11 +85,12 @@ impl Ground {
         Self {
             light: if is_dark { levels.background } else { f32::NAN },
             reading: Reading { slope: reading.slope.max(SLOPE_MIN), ..reading },
+            variance: 1.0 / reading.trust,
         }
     }
 }
 
-#[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
 fn weigh(
     codes: &[f32],
     places: &Places,
@@ -124,30 +126,33 @@ fn weigh_lanes(
     let (floor, growth) = (noise.floor_codes2 as f32, noise.slope_codes as f32);
     let lit = lanes(|lane| 1.0 + gu * du[lane] + gv * dv[lane]);
     let lights = lanes(|lane| others[lane] + lit[lane] * (contrast * own[lane] + background * open[lane]));
-    let (mut mean, mut slope, mut trust) = (lights, [1.0; LANES], [0.0; LANES]);
+    let (mut mean, mut slope, mut variance) = (lights, [1.0; LANES], [0.0; LANES]);
     let (light_max, mut dark) = (judge.black.light_max, 0);
     for lane in 0..LANES {
         let bare = (lights[lane] - ground.light).abs() < BARE_CODES;
         mean[lane] = if bare { ground.reading.mean } else { lights[lane] };
         slope[lane] = if bare { ground.reading.slope } else { 1.0 };
-        trust[lane] = if bare { ground.reading.trust } else { 1.0 / (floor + growth * lights[lane].max(0.0)) };
+        variance[lane] = if bare { ground.variance } else { floor + growth * lights[lane].max(0.0) };
         dark |= u32::from((lights[lane] < light_max) & !bare) << lane;
     }
     // Where codes near zero cannot be negative.
     while dark != 0 {
         let lane = dark.trailing_zeros() as usize % LANES;
         let Reading { mean: dark_mean, slope: dark_slope, trust: dark_trust } = judge.black.read(lights[lane]);
-        (mean[lane], slope[lane], trust[lane]) = (dark_mean, dark_slope.max(SLOPE_MIN), dark_trust);
+        (mean[lane], slope[lane], variance[lane]) = (dark_mean, dark_slope.max(SLOPE_MIN), 1.0 / dark_trust);
         dark &= dark - 1;
     }
     let (mut weights, mut residuals) = ([0.0; LANES], [0.0; LANES]);
     for lane in 0..LANES {
         let left = codes[lane] - noise.black_level as f32 - mean[lane];
         let felt = slope[lane] * lit[lane];
+        // One division for both.
+        let inverse = 1.0 / (variance[lane] * felt);
+        let trust = inverse * felt;
         let full = (codes[lane] >= judge.saturated) | ((lights[lane] > judge.full) & (codes[lane] > judge.spared));
-        let out = full | (left * left * trust[lane] > judge.limit);
-        weights[lane] = if out { 0.0 } else { trust[lane] * felt * felt };
-        residuals[lane] = left / felt;
+        let out = full | (left * left * trust > judge.limit);
+        weights[lane] = if out { 0.0 } else { trust * felt * felt };
+        residuals[lane] = left * inverse * variance[lane];
     }
     (weights, residuals)
 }

@@ -51,11 +51,18 @@ impl Light<'_> {
 
     /// Reads as many contrasts of a row as `contrasts` holds, from column `first` on.
     pub(crate) fn read(&self, row: usize, first: usize, contrasts: &mut [f32]) {
+        read_alone(self, row, first, contrasts);
+    }
+
+    /// The same for one who reads many rows, and has been made for the processor.
+    #[inline(always)]
+    pub(crate) fn read_another(&self, row: usize, first: usize, contrasts: &mut [f32]) {
         match self {
             Self::Codes { plane, level, polarity } => {
                 let sign = polarity.sign() as f32;
+                let added = -sign * level;
                 let line = &plane.line(row)[first * plane.step_px..];
-                read_codes(line, plane.step_px, sign, -sign * level, contrasts);
+                read_every(line, plane.step_px, |code| sign * f32::from(code) + added, contrasts);
             }
             Self::Field { columns, contrasts: field } => {
                 let start = row * columns + first;
@@ -116,10 +123,9 @@ impl Light<'_> {
     }
 }
 
-/// Reads every `step`-th code times a sign, and something added.
 #[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
-fn read_codes(line: &[u16], step: usize, sign: f32, added: f32, contrasts: &mut [f32]) {
-    read_every(line, step, |code| sign * f32::from(code) + added, contrasts);
+fn read_alone(light: &Light<'_>, row: usize, first: usize, contrasts: &mut [f32]) {
+    light.read_another(row, first, contrasts);
 }
 
 /// Reads what is made of every `step`-th code, as many as there is place for.

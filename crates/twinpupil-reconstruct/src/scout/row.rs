@@ -99,7 +99,13 @@ pub(crate) struct Sums {
 
 impl Moments {
     /// Adds the pixels of a row whose first lies at `[x, y]`.
-    pub(crate) fn add(&mut self, contrasts: &[f32], [x, y]: [f64; 2]) {
+    pub(crate) fn add(&mut self, contrasts: &[f32], place: [f64; 2]) {
+        add_alone(self, contrasts, place);
+    }
+
+    /// The same for one who adds many rows, and has been made for the processor.
+    #[inline(always)]
+    pub(crate) fn add_another(&mut self, contrasts: &[f32], [x, y]: [f64; 2]) {
         add_row(&mut self.lanes, contrasts, [x as f32, y as f32]);
         self.rows += 1;
         if self.rows == ROWS {
@@ -126,7 +132,12 @@ impl Moments {
     }
 }
 
-#[multiversion(targets("x86_64+avx2+fma", "x86_64+avx"))]
+#[multiversion(targets("x86_64+avx2", "x86_64+avx"))]
+fn add_alone(moments: &mut Moments, contrasts: &[f32], place: [f64; 2]) {
+    moments.add_another(contrasts, place);
+}
+
+#[inline(always)]
 fn add_row(sums: &mut [[f32; LANES]; MOMENTS], contrasts: &[f32], [x, y]: [f32; 2]) {
     let (mut light, mut squares) = ([0.0_f32; LANES], [0.0_f32; LANES]);
     let (mut along, mut along2) = ([0.0_f32; LANES], [0.0_f32; LANES]);
