@@ -234,7 +234,7 @@ impl EdgeView {
     pub(crate) fn pixel_points(&self) -> (f32, f32) {
         // From 0.15 along a row to 0.2 along a diagonal: series about the middle tell its root and its inverse.
         const MIDDLE: f32 = 0.175;
-        const MIDDLE_ROOT: f32 = 0.418_330_01;
+        const MIDDLE_ROOT: f32 = 0.418_33;
         let (uu, vv) = (self.normal_u * self.normal_u, self.normal_v * self.normal_v);
         let square = 12.0 * ((uu * uu + vv * vv) * (1.0 / 80.0) + uu * vv * (1.0 / 24.0));
         let x = square * (1.0 / MIDDLE) - 1.0;
