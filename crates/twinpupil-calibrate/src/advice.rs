@@ -136,7 +136,9 @@ fn wrong_dots(calibration: &Calibration, target: &Target) -> Option<String> {
     /// Sightings of a dot that are doubted if it is wrong, of all; and dots that are named.
     const SHARE: f64 = 0.5;
     const NAMED: usize = 5;
-    let of_dot = |dot: usize| calibration.residuals.iter().filter(move |residual| residual.dot == dot);
+    // Where masks cut light, they may be what is not known.
+    let of_dot =
+        |dot: usize| calibration.residuals.iter().filter(move |residual| residual.dot == dot && !residual.is_cut);
     let is_wrong = |dot: &usize| {
         let doubted = of_dot(*dot).filter(|residual| residual.is_doubted).count();
         doubted > 1 && doubted as f64 > SHARE * of_dot(*dot).count() as f64

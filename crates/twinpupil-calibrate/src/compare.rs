@@ -15,6 +15,8 @@ use crate::seen::Seen;
 pub(crate) struct Fitness {
     pub(crate) chi2: f64,
     pub(crate) used_px: usize,
+    /// Whether the masks take some of its light.
+    pub(crate) is_cut: bool,
 }
 
 /// The light of every dot of the target in every band, as a frame shows it.
@@ -107,7 +109,8 @@ fn compared(now: &Now, seen: &Seen<'_>, place: usize, scores: &[Vec<Option<SpotS
         let observation = Observation::new((place, band, dot), anchor, score.score, score.information);
         if let Some(observation) = observation.with_model_error(ModelError::of(&score)) {
             comparison.observations.push(observation);
-            comparison.fitness.push(Fitness { chi2: score.chi2, used_px: score.used_px });
+            let SpotScore { chi2, used_px, is_cut, .. } = score;
+            comparison.fitness.push(Fitness { chi2, used_px, is_cut });
         }
     }
     let light = |score: &Option<SpotScore>| score.map(|score| score.light);

@@ -127,6 +127,8 @@ pub struct Residual {
     pub chi2: f64,
     /// Whether it is so far from the others that it hardly counts.
     pub is_doubted: bool,
+    /// Whether the masks take some of its light.
+    pub is_cut: bool,
     /// Where the dot is, mm.
     pub position_mm: [f64; 3],
 }
@@ -177,7 +179,7 @@ impl Calibration {
     pub(crate) fn conclude(conclusion: Conclusion<'_>) -> Result<Self, CalibrateError> {
         let Conclusion { instrument, target, unknowns, now, seen, observations, fitness, .. } = conclusion;
         let problem = now.problem(unknowns, observations, Weighing::BY_NOISE);
-        let residuals = residuals(&problem, now, seen, (unknowns, observations));
+        let residuals = residuals(&problem, now, seen, (unknowns, observations, fitness));
         // Of places alone: size and blur count for less than they are known to.
         let sound = || residuals.iter().filter(|residual| !residual.is_doubted);
         let chi2: f64 = sound().map(Residual::place_chi2).sum();
@@ -260,11 +262,11 @@ fn residuals(
     problem: &Problem<'_>,
     now: &Now,
     seen: &[Seen<'_>],
-    (unknowns, observations): (&[Unknown], &[Observation]),
+    (unknowns, observations, fitness): (&[Unknown], &[Observation], &[Fitness]),
 ) -> Vec<Residual> {
     let state = &now.adjusted.state;
     let doubt_chi2 = now.weighing(unknowns, observations, state).doubt_chi2;
-    let residual = |observation: &Observation| {
+    let residual = |(observation, fitness): (&Observation, &Fitness)| {
         let Observation { frame, band, dot, .. } = *observation;
         let image = problem.image(band, dot, &now.cameras, state, &state.poses[frame]);
         let off = observation.change - (image - observation.anchor);
@@ -278,10 +280,11 @@ fn residuals(
             std_px: observation.variances_px2().map(f64::sqrt).into(),
             chi2,
             is_doubted: chi2 > doubt_chi2,
+            is_cut: fitness.is_cut,
             position_mm: state.dot_mm(&now.dots, frame, dot).into(),
         }
     };
-    observations.iter().map(residual).collect()
+    observations.iter().zip(fitness).map(residual).collect()
 }
 
 /// Root mean square of how far spots lie beside where they should, of those that are sought and not doubted.

@@ -210,7 +210,7 @@ fn a_blurred_frame_is_left_out() {
 
 #[test]
 fn frames_near_the_focus_are_seen_from_the_right_side_of_it() {
-    const RAYS: usize = 512;
+    const RAYS: usize = 256;
     let sheet = coarse(&data_sheet(Mosaic::Rgb));
     let truth = coarse(&off_data_sheet(&data_sheet(Mosaic::Rgb), false));
     // By the data sheet the focus is 8 mm nearer for one band and 15 mm farther for the other.
@@ -243,7 +243,7 @@ fn frames_near_the_focus_are_seen_from_the_right_side_of_it() {
 
 #[test]
 fn a_dot_that_is_not_where_the_target_file_says_is_named_and_hardly_counts() {
-    const RAYS: usize = 512;
+    const RAYS: usize = 256;
     const OFF_MM: f64 = 0.03;
     let sheet = coarse(&data_sheet(Mosaic::Rgb));
     let truth = coarse(&off_data_sheet(&data_sheet(Mosaic::Rgb), false));

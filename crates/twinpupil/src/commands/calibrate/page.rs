@@ -307,6 +307,7 @@ pub(super) mod tests {
             std_px: [0.002; 4],
             chi2: 4.0,
             is_doubted: false,
+            is_cut: false,
             position_mm: [k as f64 - 8.0, 2.0, 280.0],
         };
         Calibration {

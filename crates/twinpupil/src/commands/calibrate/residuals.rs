@@ -115,6 +115,7 @@ mod tests {
             std_px: [1.0; 4],
             chi2: 0.0,
             is_doubted: false,
+            is_cut: false,
             position_mm: [0.0, -3.0, 280.0],
         };
         // Above the axis, outwards is up and growing azimuth is to the right.
