@@ -5,7 +5,7 @@ use twinpupil_instrument::{Parameter, PixelPoint, Projection, Role};
 use twinpupil_reconstruct::{Feature, Reconstructor};
 
 use crate::adjust::{Adjusted, Dots, Observation, Weighing};
-use crate::calibrate::{CalibrateError, Calibrator, Fault, FrameFault};
+use crate::calibrate::{CalibrateError, Calibrator, Fault, FrameFault, is_leader};
 use crate::forward::Slot;
 use crate::lattice::median;
 use crate::now::Now;
@@ -46,9 +46,6 @@ struct Attempt {
     observations: Vec<Observation>,
     adjusted: Adjusted,
 }
-
-/// Frames that are asked at most on which side of the focus they are.
-const ASKED_FRAMES: usize = 8;
 
 /// Steps of the unknowns, in their deviations, that put the focus of bands elsewhere; the first is none.
 fn focal_steps(unknowns: &[Unknown]) -> Vec<Vec<f64>> {
@@ -113,8 +110,7 @@ impl Calibrator<'_> {
     /// The instrument with its focus where some frames fit best, and the poses of all as it sees them: on which side of the
     /// focus a dot is does not show in its blur, and by the data sheet it may be on the wrong one.
     fn focused(&self, start: &Now, unknowns: &[Unknown], seen: &[Seen<'_>]) -> Result<Now, CalibrateError> {
-        let is_asked = |place: &usize| seen.len() <= ASKED_FRAMES || place * ASKED_FRAMES % seen.len() < ASKED_FRAMES;
-        let asked: Vec<usize> = (0..seen.len()).filter(is_asked).collect();
+        let asked: Vec<usize> = (0..seen.len()).filter(|place| is_leader(*place, seen.len())).collect();
         // Blur of another origin would lead the focus astray.
         let (sound, fault) = self.without_faults(start, unknowns, seen, &asked)?;
         let asked = if sound.is_empty() { asked } else { sound };

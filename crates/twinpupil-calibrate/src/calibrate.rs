@@ -307,7 +307,7 @@ fn rests(moved: f64, last_moved: f64) -> bool {
 }
 
 /// Whether a frame is one of those that go ahead, which are spread evenly over all.
-fn is_leader(frame: usize, frames: usize) -> bool {
+pub(crate) fn is_leader(frame: usize, frames: usize) -> bool {
     frames <= LEADERS || frame * LEADERS % frames < LEADERS
 }
 
