@@ -1,7 +1,7 @@
 //! What a calibration comes to.
 
 use nalgebra::{DMatrix, Matrix4, Vector4};
-use twinpupil_instrument::{CalibrationFrame, CalibrationSpec, Instrument, Role};
+use twinpupil_instrument::{CalibrationFrame, CalibrationSpec, Instrument, Parameter, Role};
 
 use crate::adjust::{Observation, OnWay, Problem, Weighing};
 use crate::advice::advice;
@@ -175,6 +175,20 @@ pub(crate) const PARTS_MAX: usize = 10;
 /// held by those of the others, and keeps about half of its own.
 const OPEN_SHARE: f64 = 0.3;
 
+/// What the modelled light is off by in all frames alike, in parts of its blur: more of them make it no better. Of 12
+/// calibrations with 4096 rays a pixel, the radii of the masks were off by 2.0e-5 and 2.6e-5 of them on the average.
+const COMMON_BLUR_SHARE: f64 = 2.3e-5;
+
+/// Variance that the model of light leaves a number, whatever the frames: blur grows with the masks' radii.
+fn model_variance(unknown: &Unknown, instrument: &Instrument) -> f64 {
+    match unknown.quantity {
+        Quantity::Instrument(radius @ Parameter::ZoneRadius(..)) => {
+            (COMMON_BLUR_SHARE * radius.value(instrument)).powi(2)
+        }
+        _ => 0.0,
+    }
+}
+
 impl Calibration {
     pub(crate) fn conclude(conclusion: Conclusion<'_>) -> Result<Self, CalibrateError> {
         let Conclusion { instrument, target, unknowns, now, seen, observations, fitness, .. } = conclusion;
@@ -189,7 +203,9 @@ impl Calibration {
         let excess = (reduced_chi2 / now.adjusted.misfit).max(1.0);
         let count = unknowns.len();
         let scale = |i: usize, k: usize| unknowns[i].prior_std * unknowns[k].prior_std * excess;
-        let covariance = DMatrix::from_fn(count, count, |i, k| now.adjusted.covariance[(i, k)] * scale(i, k));
+        let told = |i: usize, k: usize| now.adjusted.covariance[(i, k)] * scale(i, k);
+        let alike = |i: usize, k: usize| if i == k { model_variance(&unknowns[i], instrument) } else { 0.0 };
+        let covariance = DMatrix::from_fn(count, count, |i, k| told(i, k) + alike(i, k));
         let data = problem.information_of_each(&now.adjusted.state);
         let numbers = numbers(instrument, unknowns, now, &covariance, &data);
         let frames: Vec<FrameResult> = (0..seen.len())
