@@ -88,7 +88,7 @@ impl DotInformation {
         let pages = expected_electrons(instrument, scene, response, pupil_samples, &|_| {})?.pages;
         let precision: Vec<_> = pages.iter().map(|page| precision(&instrument.sensor, page)).collect();
         let camera = Camera::new(instrument)?;
-        let renderer = |registration| Renderer::new(instrument, &camera, scene, pupil_samples, registration);
+        let renderer = |registration| Renderer::new(instrument, &camera, scene, pupil_samples, 0, registration);
         let planes: Vec<_> = (instrument.bands.iter().enumerate())
             .map(|(band, stated)| Plane::new(&renderer(stated.registration), instrument, response, band, &precision))
             .collect();

@@ -108,12 +108,13 @@ fn reach_of(surface: &Surface, middle: PixelPoint, corners: [PixelPoint; 4]) -> 
 pub(crate) type WantedCell = [[bool; 2]; 2];
 
 impl<'a> Renderer<'a> {
-    /// Renders pages whose pixels lie on the reference frame as `registration` says.
+    /// Renders pages whose pixels lie on the reference frame as `registration` says, with other rays for every `turn`.
     pub(crate) fn new(
         instrument: &'a Instrument,
         camera: &'a Camera,
         scene: &'a Scene,
         pupil_samples: usize,
+        turn: usize,
         registration: Registration,
     ) -> Self {
         let sensor = &instrument.sensor;
@@ -134,8 +135,8 @@ impl<'a> Renderer<'a> {
             registration,
             bands: instrument.bands.iter().zip(camera.bands()).map(view).collect(),
             index: DotIndex::new(scene.dots()),
-            bank: SampleBank::new(pupil_samples),
-            fine_bank: SampleBank::new((FINENESS * pupil_samples).min(PUPIL_SAMPLES_MAX)),
+            bank: SampleBank::new(pupil_samples, turn),
+            fine_bank: SampleBank::new((FINENESS * pupil_samples).min(PUPIL_SAMPLES_MAX), turn),
         }
     }
 

@@ -6,7 +6,7 @@ use std::f64::consts::TAU;
 pub const PUPIL_SAMPLES_MAX: usize = 1 << 16;
 
 /// Number of different sets, so that the sampling errors of neighbouring pixels do not add up.
-const SETS: usize = 16;
+pub(crate) const SETS: usize = 16;
 
 /// (1 + √5)/2.
 const GOLDEN_RATIO: f64 = 1.618_033_988_749_895;
@@ -44,18 +44,20 @@ pub(crate) struct SampleSet {
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct SampleBank {
     sets: Vec<SampleSet>,
+    /// By how many sets every pixel is ahead of where it would be.
+    turn: usize,
 }
 
 impl SampleBank {
-    /// Sets of `count` samples each.
-    pub(crate) fn new(count: usize) -> Self {
-        Self { sets: (0..SETS).map(|set| SampleSet::new(count, set)).collect() }
+    /// Sets of `count` samples each. With another `turn`, below [`SETS`], every pixel uses another set.
+    pub(crate) fn new(count: usize, turn: usize) -> Self {
+        Self { sets: (0..SETS).map(|set| SampleSet::new(count, set)).collect(), turn }
     }
 
     /// The set that a pixel of a band uses: always the same, and as good as unrelated to its neighbours'.
     pub(crate) fn of_pixel(&self, band: usize, column: usize, row: usize) -> &SampleSet {
         let pixel = ((band as u64) << 48) ^ ((row as u64) << 24) ^ column as u64;
-        &self.sets[(mix(pixel) % SETS as u64) as usize]
+        &self.sets[((mix(pixel) % SETS as u64) as usize + self.turn) % SETS]
     }
 }
 
@@ -108,7 +110,7 @@ mod tests {
 
     #[test]
     fn every_set_fills_the_disc_evenly() {
-        let bank = SampleBank::new(256);
+        let bank = SampleBank::new(256, 0);
         for set in &bank.sets {
             let points = || set.pupil_x.iter().zip(&set.pupil_y);
             let moment = |power: i32| points().map(|(x, y)| x.hypot(*y).powi(power)).sum::<f64>() / 256.0;
@@ -127,7 +129,7 @@ mod tests {
 
     #[test]
     fn every_ring_sees_all_of_the_pixel() {
-        let bank = SampleBank::new(256);
+        let bank = SampleBank::new(256, 0);
         for set in &bank.sets {
             for ring in set.offset_u_px.chunks(64).chain(set.offset_v_px.chunks(64)) {
                 assert!(ring.iter().all(|offset| (-0.5..0.5).contains(offset)));
@@ -138,12 +140,15 @@ mod tests {
 
     #[test]
     fn neighbouring_pixels_use_all_sets_about_equally() {
-        let bank = SampleBank::new(1);
+        let bank = SampleBank::new(1, 0);
         let mut counts = [0; SETS];
         for pixel in 0..16_000 {
             let set = bank.of_pixel(0, pixel % 160, pixel / 160);
             counts[bank.sets.iter().position(|own| std::ptr::eq(own, set)).unwrap()] += 1;
         }
         assert!(counts.iter().all(|count| (800..1200).contains(count)), "{counts:?}");
+        let turned: Vec<SampleBank> = (0..SETS).map(|turn| SampleBank::new(2, turn)).collect();
+        let own = |turn: usize| turned[turn].of_pixel(1, 7, 9);
+        assert!((0..SETS).all(|a| (0..a).all(|b| own(a) != own(b))), "every turn has a set of its own");
     }
 }

@@ -130,6 +130,18 @@ pub fn expected_electrons(
     pupil_samples: usize,
     progress: &(dyn Fn(f64) + Sync),
 ) -> Result<Expectation, SimulateError> {
+    expectation(instrument, scene, response, pupil_samples, 0, progress)
+}
+
+/// [`expected_electrons`] with other rays for every `turn`.
+pub(crate) fn expectation(
+    instrument: &Instrument,
+    scene: &Scene,
+    response: &ResponseMatrix,
+    pupil_samples: usize,
+    turn: usize,
+    progress: &(dyn Fn(f64) + Sync),
+) -> Result<Expectation, SimulateError> {
     check(instrument, scene, pupil_samples)?;
     let mixing = Mixing::new(instrument, response)?;
     let camera = Camera::new(instrument)?;
@@ -140,7 +152,7 @@ pub fn expected_electrons(
     let mut ledger = RayLedger::default();
     let mut pages = vec![Vec::new(); instrument.pages()];
     for (registration, of_grid) in grids {
-        let renderer = Renderer::new(instrument, &camera, scene, pupil_samples, registration);
+        let renderer = Renderer::new(instrument, &camera, scene, pupil_samples, turn, registration);
         let mut band_electrons = Vec::with_capacity(bands);
         for band in 0..bands {
             let (electrons, band_ledger) = renderer.band_electrons(band, mixing.wanted(&of_grid, band), &progress);

@@ -5,7 +5,9 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use twinpupil_instrument::{Instrument, Mosaic, ResponseMatrix, paper as paper_instrument};
-use twinpupil_simulate::{Defects, Scene, SimulateError, SimulateOptions, Simulation, paper, simulate};
+use twinpupil_simulate::{
+    Defects, Scene, SimulateError, SimulateOptions, Simulation, expected_electrons, paper, simulate, standard_errors,
+};
 
 const FAST: SimulateOptions = SimulateOptions {
     pupil_samples: 16,
@@ -44,6 +46,32 @@ fn the_same_seed_gives_the_same_bytes_on_any_number_of_threads() {
     let other = run(&instrument, &scene, &SimulateOptions { seed: Some(5), ..FAST });
     assert_ne!(one.frame, other.frame);
     assert_eq!(one.frame, run(&instrument, &scene, &SimulateOptions { seed: Some(4), ..FAST }).frame);
+}
+
+#[test]
+fn standard_errors_tell_how_far_pixels_are_off() {
+    let mut spec = small(Mosaic::Rgb).into_spec();
+    (spec.sensor.size_px, spec.sensor.axis_px) = ([240, 160], [-80.0, 80.0]);
+    let (instrument, scene) = (Instrument::new(spec).unwrap(), paper::random_plate(270.0, 4).unwrap());
+    let response = ResponseMatrix::ideal(&instrument.bands);
+    let electrons = |samples| expected_electrons(&instrument, &scene, &response, samples, &|_| {}).unwrap().pages;
+    let errors = |samples| standard_errors(&instrument, &scene, &response, samples, &|_| {}).unwrap();
+    let (few, many, of_few) = (electrons(64), electrons(1024), errors(64));
+    let pixels = || {
+        few.iter().zip(&many).zip(&of_few).flat_map(|((few, many), errors)| {
+            few.iter().zip(many).zip(errors).map(|((few, many), error)| (few - many, *error))
+        })
+    };
+    let rms = |of: &dyn Fn(f64, f64) -> Option<f64>| {
+        let values: Vec<f64> = pixels().filter_map(|(off_e, error_e)| of(off_e, error_e)).collect();
+        (values.iter().map(|value| value * value).sum::<f64>() / values.len() as f64).sqrt()
+    };
+    // Where all rays agree, hardly any others would not.
+    let unseen_e = rms(&|off_e, error_e| (error_e == 0.0).then_some(off_e));
+    let [off_e, error_e] = [0, 1].map(|k| rms(&|off_e, error_e| (error_e > 0.0).then_some([off_e, error_e][k])));
+    assert!(unseen_e < 1.0 && (0.8..1.25).contains(&(off_e / error_e)), "{unseen_e} {off_e} {error_e}");
+    let of_more: f64 = errors(256).iter().flatten().sum();
+    assert!(of_more < 0.5 * of_few.iter().flatten().sum::<f64>());
 }
 
 #[test]

@@ -94,7 +94,7 @@ fn run(cli: &Cli) -> Result<()> {
     }
     let console = Console::new(cli.quiet);
     match &cli.command {
-        Command::Instrument(command) => instrument::run(command),
+        Command::Instrument(command) => instrument::run(command, &console),
         Command::Scene(command) => scene::run(command),
         Command::Target(command) => target::run(command, &console),
         Command::Simulate(args) => simulate::run(args, &console),

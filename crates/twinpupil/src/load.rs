@@ -7,6 +7,7 @@ use twinpupil_instrument::{Instrument, InstrumentSpec, Lens, ResponseMatrix, Spe
 use twinpupil_reconstruct::noise_gain;
 use twinpupil_simulate::{Picture, Scene};
 
+use crate::console::Console;
 use crate::io::{input, lens, page};
 
 /// The word that stands for the paper's scene instead of a file.
@@ -24,14 +25,20 @@ pub struct LoadedInstrument {
 }
 
 impl LoadedInstrument {
-    /// Reads an instrument file; a name such as `paper` is an instrument that ships, `-` standard input.
-    pub fn load(argument: &Path) -> Result<Self> {
+    /// Reads an instrument file; a name such as `paper` is an instrument that ships, `-` standard input. What the user should
+    /// know of the lens file that it may name goes to the console.
+    pub fn load(argument: &Path, console: &Console) -> Result<Self> {
         if let Some(text) = argument.to_str().and_then(builtin::toml) {
             return Ok(Self { instrument: Instrument::from_toml(text)?, folder: PathBuf::new() });
         }
+        if lens::is_zmx(argument) {
+            let lens = argument.display();
+            bail!("{lens}: a lens, not an instrument file; `twinpupil design {lens} --distance-mm MM` makes one of it");
+        }
         let text = input::read_text(argument)?;
         let folder = folder_of(argument);
-        let instrument = read_instrument(&text, &folder).with_context(|| argument.display().to_string())?;
+        let (instrument, warnings) = read_instrument(&text, &folder).with_context(|| argument.display().to_string())?;
+        warnings.iter().for_each(|warning| console.note(warning));
         Ok(Self { instrument, folder })
     }
 
@@ -67,17 +74,20 @@ impl LoadedInstrument {
     }
 }
 
-/// The instrument of a file in a folder, with the surfaces of the lens file that it may name.
-fn read_instrument(text: &str, folder: &Path) -> Result<Instrument> {
+/// The instrument of a file in a folder, with the surfaces of the lens file that it may name, and what the user should know
+/// of that file.
+fn read_instrument(text: &str, folder: &Path) -> Result<(Instrument, Vec<String>)> {
+    let mut warnings = Vec::new();
     let mut spec: InstrumentSpec = check::parse_toml(text)?;
     if let Lens::Prescription(stated) = &mut spec.lens
         && stated.prescription.is_none()
         && let Some(file) = stated.file.take()
     {
         let catalogues: Vec<PathBuf> = stated.catalogues.drain(..).map(|path| folder.join(path)).collect();
-        stated.prescription = Some(lens::read_with_glasses(&folder.join(file), &catalogues)?.0);
+        let (prescription, told) = lens::read_with_glasses(&folder.join(file), &catalogues)?;
+        (stated.prescription, warnings) = (Some(prescription), told);
     }
-    Ok(Instrument::new(spec)?)
+    Ok((Instrument::new(spec)?, warnings))
 }
 
 /// Distance and seed of the paper's plate behind the word `paper`; the experiment has it at 250 to 350 mm.
@@ -106,6 +116,18 @@ fn read_picture(path: &Path) -> Result<Picture> {
     let grey = |pixel: &[u16]| pixel.iter().map(|&sample| f32::from(sample)).sum::<f32>() / white;
     let values = page.samples.chunks_exact(page.channels).map(grey).collect();
     Ok(Picture::new(page.size_px[0], page.size_px[1], values)?)
+}
+
+/// Whether a file is an instrument, which has a sensor, and not the lens of one.
+pub fn is_instrument(path: &Path) -> Result<bool> {
+    if path.to_str().and_then(builtin::toml).is_some() {
+        return Ok(true);
+    }
+    if lens::is_zmx(path) {
+        return Ok(false);
+    }
+    let table: Option<toml::Table> = toml::from_str(&input::read_text(path)?).ok();
+    Ok(table.is_some_and(|table| table.contains_key("sensor")))
 }
 
 /// The folder of a file: files that it names are relative to it.

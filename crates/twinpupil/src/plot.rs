@@ -1,10 +1,17 @@
-//! Plots as SVG that sits in a page: axes and text take the page's own colour, series those of [`Colour`].
+//! Plots: as SVG that sits in a page, where axes and text take the page's own colour, or as drawings for files; series have
+//! those of [`Colour`].
 
+use std::sync::Arc;
+
+use kuva::backend::svg::SvgBackend;
 use kuva::plot::legend::{LegendEntry, LegendPosition, LegendShape};
 use kuva::plot::{BandPlot, LinePlot, ScatterPlot};
-use kuva::render::layout::Layout;
+use kuva::render::layout::{Layout, TickFormat};
 use kuva::render::plots::Plot;
+use kuva::render::render::{Scene, render_multiple};
 use kuva::render::theme::Theme;
+
+use crate::drawing::{Drawing, INK, scalable};
 
 /// Width and height of a plot in its own units; the page scales it.
 const SIZE: [f64; 2] = [540.0, 380.0];
@@ -191,24 +198,33 @@ impl Chart {
         self
     }
 
-    /// The plot.
-    pub fn into_svg(mut self) -> String {
+    /// The plot, for a page.
+    pub fn into_svg(self) -> String {
+        scalable(&SvgBackend::new().render_scene(&self.into_scene("currentColor", "#88888840")))
+    }
+
+    /// The plot, for a file.
+    pub fn into_drawing(self) -> Drawing {
+        Drawing::of(self.into_scene(INK, "#e1e1e1"))
+    }
+
+    fn into_scene(mut self, ink: &str, grid: &str) -> Scene {
         let mut plots = std::mem::take(&mut self.plots);
         if plots.is_empty() {
             // Axes need something to range over.
             plots.push(Plot::Scatter(ScatterPlot::new().with_data([(0.0, 0.0), (1.0, 1.0)]).with_color("none")));
         }
-        let layout = self.into_layout(&plots);
-        scalable(&kuva::render_to_svg(plots, layout))
+        let layout = self.into_layout(&plots, theme(ink, grid));
+        render_multiple(plots, layout)
     }
 
-    fn into_layout(self, plots: &[Plot]) -> Layout {
+    fn into_layout(self, plots: &[Plot], theme: Theme) -> Layout {
         let mut layout = Layout::auto_from_plots(plots)
             .with_width(self.size[0])
             .with_height(self.size[1])
             .with_x_label(self.x_label.as_str())
             .with_y_label(self.y_label.as_str())
-            .with_theme(theme())
+            .with_theme(theme)
             .with_label_size(14)
             .with_tick_size(12)
             .with_body_size(12);
@@ -219,10 +235,10 @@ impl Chart {
             layout = layout.with_y_axis_min(min).with_y_axis_max(max);
         }
         if self.log_x {
-            layout = layout.with_log_x();
+            layout = layout.with_log_x().with_x_tick_format(TickFormat::Custom(Arc::new(plain)));
         }
         if self.log_y {
-            layout = layout.with_log_y();
+            layout = layout.with_log_y().with_y_tick_format(TickFormat::Custom(Arc::new(plain)));
         }
         if self.equal_scales {
             layout = layout.with_equal_aspect();
@@ -248,32 +264,28 @@ fn finite_or_zero(value: f64) -> f64 {
     if value.is_finite() { value } else { 0.0 }
 }
 
-/// No background, and the colour of the surrounding text for everything that is not a series.
-fn theme() -> Theme {
-    let ink = || "currentColor".to_owned();
+/// A number of a logarithmic axis, which has one digit: 0.05, 0.1 and 20, not 0.050, 1e-1 and 20.
+fn plain(number: f64) -> String {
+    if !(1e-4..1e5).contains(&number) {
+        return format!("{number:e}");
+    }
+    let decimals = (-number.log10().floor()).max(0.0) as usize;
+    format!("{number:.decimals$}")
+}
+
+/// No background, and one colour for everything that is not a series, but for the grid.
+fn theme(ink: &str, grid: &str) -> Theme {
+    let ink = || ink.to_owned();
     Theme {
         background: "none".to_owned(),
         axis_color: ink(),
-        grid_color: "#88888840".to_owned(),
+        grid_color: grid.to_owned(),
         tick_color: ink(),
         text_color: ink(),
         legend_bg: "none".to_owned(),
         legend_border: "none".to_owned(),
         font_family: Some("system-ui, sans-serif".to_owned()),
         ..Theme::light()
-    }
-}
-
-/// Gives the drawing a view box, so that the page may scale it, and takes away its fixed size.
-fn scalable(svg: &str) -> String {
-    let number = |key: &str| svg.split_once(key)?.1.split('"').next()?.parse::<f64>().ok();
-    match (number(" width=\""), number(" height=\"")) {
-        (Some(width), Some(height)) => {
-            let sized = format!(" width=\"{width}\" height=\"{height}\"");
-            let boxed = format!(" viewBox=\"0 0 {width} {height}\"{sized} role=\"img\"");
-            svg.replacen(&sized, &boxed, 1)
-        }
-        _ => svg.to_owned(),
     }
 }
 
@@ -296,6 +308,17 @@ mod tests {
             let svg = chart.into_svg();
             assert!(svg.starts_with("<svg") && svg.contains("viewBox") && !svg.contains("NaN"), "{svg}");
         }
+    }
+
+    #[test]
+    fn logarithmic_axes_have_plain_numbers() {
+        assert_eq!(
+            [0.001, 0.02, 0.1, 0.5, 1.0, 20.0, 1e6].map(plain),
+            ["0.001", "0.02", "0.1", "0.5", "1", "20", "1e6"]
+        );
+        let svg =
+            Chart::new("x", "y").log_x().line("", Colour::Blue, Stroke::Solid, &[[0.02, 1.0], [5.0, 2.0]]).into_svg();
+        assert!([">0.05<", ">0.1<", ">2<"].iter().all(|label| svg.contains(label)), "{svg}");
     }
 
     #[test]

@@ -290,6 +290,13 @@ impl File {
             image: image.shape(scale_mm)?,
             media,
         };
+        if !image.is_image() {
+            let last = self.surfaces.len() - 1;
+            let message = format!(
+                "the file ends within the lens: surface {last} is no image, whose DISZ is 0 and which has no GLAS; is it cut?"
+            );
+            return Err(at_end(&message));
+        }
         let image_line = image.line;
         let object_line = object.line;
         let prescription = Prescription::new(spec).map_err(|error| SyntaxError {

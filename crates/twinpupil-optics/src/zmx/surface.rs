@@ -20,6 +20,7 @@ pub(super) struct Entry {
     extra: BTreeMap<usize, f64>,
     /// To the next surface; none if infinite.
     pub(super) distance: Option<f64>,
+    has_distance: bool,
     glass: Option<Material>,
     glass_line: usize,
     is_stop: bool,
@@ -55,6 +56,7 @@ impl Entry {
             parameters: BTreeMap::new(),
             extra: BTreeMap::new(),
             distance: Some(0.0),
+            has_distance: false,
             glass: None,
             glass_line: line,
             is_stop: false,
@@ -79,6 +81,7 @@ impl Entry {
                 let is_infinite = line.word(0)?.eq_ignore_ascii_case("INFINITY");
                 let distance = if is_infinite { f64::INFINITY } else { line.number(0)? };
                 self.distance = Some(distance).filter(|distance| distance.abs() < INFINITY);
+                self.has_distance = true;
             }
             "STOP" => self.is_stop = true,
             "GLAS" => (self.glass, self.glass_line) = (Some(material(line)?), line.number),
@@ -106,6 +109,11 @@ impl Entry {
             _ => {}
         }
         Ok(())
+    }
+
+    /// Whether it can be the image: behind that there is nothing.
+    pub(super) fn is_image(&self) -> bool {
+        self.has_distance && self.distance == Some(0.0) && self.glass.is_none()
     }
 
     /// Where the medium behind it is stated, or else where it begins.

@@ -221,6 +221,12 @@ fn damaged_files_are_refused_with_the_line() {
     let said = |text: &str| ZmxLens::read(text.as_bytes()).unwrap_err().to_string();
     assert_eq!(said(""), "line 1: the file ends without a lens: it has no surface between object and image");
     assert!(said(&COOKE[..COOKE.find("SURF 1").unwrap()]).starts_with("line 18: the file ends without a lens"));
+    // Wherever between lines it is cut, it is no lens with fewer surfaces.
+    for (cut, _) in COOKE.match_indices('\n').take(COOKE.lines().count() - 1) {
+        let (text, message) = (&COOKE[..=cut], said(&COOKE[..=cut]));
+        let line = text.lines().count();
+        assert!(message.starts_with(&format!("line {line}: the file ends with")), "{message}");
+    }
     assert_eq!(said(&COOKE.replace("SURF 3", "SURF 2")), "line 28: SURF is 2; legal: 3, the next");
     assert_eq!(said(&COOKE.replace("MODE SEQ", "MODE NSC")), "line 2: MODE is NSC; legal: SEQ, a sequential lens");
     assert_eq!(said(&COOKE.replace("DISZ 6.00755", "DISZ nan")), "line 27: value 1 of DISZ is nan; legal: a number");

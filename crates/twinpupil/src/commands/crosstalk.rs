@@ -47,7 +47,7 @@ const DECIMALS: i32 = 7;
 
 /// Runs `twinpupil crosstalk`.
 pub fn run(args: &Args, console: &Console) -> Result<()> {
-    let LoadedInstrument { instrument, .. } = LoadedInstrument::load(&args.instrument)?;
+    let LoadedInstrument { instrument, .. } = LoadedInstrument::load(&args.instrument, console)?;
     if let Some(path) = &args.output {
         output::check(path)?;
     }

@@ -90,7 +90,7 @@ struct Done {
 /// Runs `twinpupil detect`.
 pub fn run(args: &Args, console: &Console) -> Result<()> {
     let options = DetectOptions { polarity: args.polarity.polarity(), ..DetectOptions::default() };
-    let target = Target::of(args, options)?;
+    let target = Target::of(args, options, console)?;
     for path in args.output.iter().chain(&args.rejected) {
         check_table_path(path)?;
         output::check(path)?;
@@ -115,9 +115,9 @@ pub fn run(args: &Args, console: &Console) -> Result<()> {
 }
 
 impl Target {
-    fn of(args: &Args, options: DetectOptions) -> Result<Self> {
+    fn of(args: &Args, options: DetectOptions, console: &Console) -> Result<Self> {
         if let Some(path) = &args.instrument {
-            return Self::of_instrument(&LoadedInstrument::load(path)?, options);
+            return Self::of_instrument(&LoadedInstrument::load(path, console)?, options);
         }
         let Some(mosaic) = args.mosaic else { bail!("--instrument or --mosaic is needed") };
         let pages = args.plane.iter().map(|plane| mosaic.site(plane).map(|site| site.page + 1));

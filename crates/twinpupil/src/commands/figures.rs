@@ -281,9 +281,11 @@ mod tests {
     use std::path::Path;
 
     use super::*;
+    use crate::console::Console;
 
     fn paper() -> Figures {
-        Figures::of(&LoadedInstrument::load(Path::new("paper")).expect("the paper's")).expect("figures")
+        Figures::of(&LoadedInstrument::load(Path::new("paper"), &Console::new(true)).expect("the paper's"))
+            .expect("figures")
     }
 
     #[test]
@@ -313,7 +315,8 @@ mod tests {
         for grooves in ["object", "image"] {
             let lens = format!("[lens]\nmodel = \"fresnel\"\nfocal_length_mm = 100.0\ngrooves = \"{grooves}\"");
             std::fs::write(&path, format!("{before}{lens}\n[sensor]{behind}")).expect("a file");
-            let figures = Figures::of(&LoadedInstrument::load(&path).expect("legal")).expect("figures");
+            let figures =
+                Figures::of(&LoadedInstrument::load(&path, &Console::new(true)).expect("legal")).expect("figures");
             for (own, ideal) in figures.depth.iter().zip(&ideal.depth) {
                 let [own_mm, ideal_mm] = [own, ideal].map(|row| row.clipping_radius_mm.unwrap_or(f64::INFINITY));
                 assert!((own_mm - ideal_mm).abs() < 0.15, "{grooves} {}: {own_mm} {ideal_mm}", own.z_mm);

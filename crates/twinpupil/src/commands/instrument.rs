@@ -8,6 +8,7 @@ use twinpupil_instrument::{Instrument, builtin};
 
 use super::destination::{Destination, pretty};
 use super::figures::Figures;
+use crate::console::Console;
 use crate::load::LoadedInstrument;
 
 /// `twinpupil instrument …`.
@@ -47,17 +48,17 @@ pub enum Command {
 }
 
 /// Runs `twinpupil instrument`.
-pub fn run(command: &Command) -> Result<()> {
+pub fn run(command: &Command, console: &Console) -> Result<()> {
     match command {
         Command::Paper(to) => shipped("paper", to),
         Command::Polarizer(to) => shipped("polarizer", to),
         Command::Hyperspectral(to) => shipped("hyperspectral", to),
         Command::TwoSensors(to) => shipped("two-sensors", to),
         Command::ThreeBands(to) => shipped("three-bands", to),
-        Command::Print { file, to } => to.write(LoadedInstrument::load(file)?.instrument.to_toml()),
+        Command::Print { file, to } => to.write(LoadedInstrument::load(file, console)?.instrument.to_toml()),
         Command::Schema(to) => to.write(pretty(Instrument::json_schema().as_value())?),
         Command::Show { file, json, to } => {
-            let figures = Figures::of(&LoadedInstrument::load(file)?)?;
+            let figures = Figures::of(&LoadedInstrument::load(file, console)?)?;
             to.write(if *json { pretty(&figures)? } else { figures.to_text() })
         }
     }

@@ -119,7 +119,7 @@ struct Done {
 
 /// Runs `twinpupil reconstruct`.
 pub fn run(args: &Args, console: &Console) -> Result<()> {
-    let loaded = LoadedInstrument::load(&args.instrument)?;
+    let loaded = LoadedInstrument::load(&args.instrument, console)?;
     for path in args.output.iter().chain(&args.rejected) {
         check_table_path(path)?;
         output::check(path)?;

@@ -7,10 +7,12 @@ use anyhow::{Result, bail};
 use serde::Serialize;
 use twinpupil_instrument::{Frame, ResponseMatrix};
 use twinpupil_optics::RayLedger;
-use twinpupil_simulate::{Defects, PUPIL_SAMPLES_MAX, Scene, SimulateOptions, Simulation, simulate};
+use twinpupil_simulate::{Defects, PUPIL_SAMPLES_MAX, Scene, SimulateOptions, Simulation, simulate, standard_errors};
 
 use super::destination::pretty;
+use super::options::file_of;
 use crate::console::Console;
+use crate::io::encode_tiff_f32;
 use crate::io::files::FrameFiles;
 use crate::io::frame::check_frame_files;
 use crate::io::output::{self, Outputs};
@@ -55,6 +57,10 @@ pub struct Args {
     /// Light this band alone, as the flat frames of `crosstalk` are lit
     #[arg(long, value_name = "BAND")]
     lit: Option<String>,
+    /// Also write how far the electrons of every pixel may be off because its rays are finite in number: a TIFF of 32-bit
+    /// floats, standard errors in electrons, with the pages of the frame; takes eight times as long again
+    #[arg(long, value_name = "FILE", value_parser = file_of("tif"))]
+    standard_error: Option<PathBuf>,
     /// Print a summary as JSON
     #[arg(long)]
     json: bool,
@@ -86,6 +92,16 @@ struct Summary<'a> {
     saturated_pixels: usize,
     seconds: f64,
     rays: Rays<'a>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    standard_error: Option<StandardError>,
+}
+
+/// What the number of rays leaves open, over the pixels in which not all rays bring back the same.
+#[derive(Debug, Serialize)]
+struct StandardError {
+    pixels: usize,
+    rms_e: f64,
+    largest_e: f64,
 }
 
 /// Every ray by its fate.
@@ -101,7 +117,7 @@ struct Rays<'a> {
 
 /// Runs `twinpupil simulate`.
 pub fn run(args: &Args, console: &Console) -> Result<()> {
-    let loaded = LoadedInstrument::load(&args.instrument)?;
+    let loaded = LoadedInstrument::load(&args.instrument, console)?;
     let scene = load::scene(&args.scene)?;
     let response = response(args, &loaded)?;
     let files = FrameFiles::of_output(&args.output, &loaded.instrument)?;
@@ -111,6 +127,7 @@ pub fn run(args: &Args, console: &Console) -> Result<()> {
         check_table_path(path)?;
         output::check(path)?;
     }
+    args.standard_error.iter().try_for_each(|path| output::check(path))?;
 
     let start = Instant::now();
     let options = SimulateOptions {
@@ -124,8 +141,17 @@ pub fn run(args: &Args, console: &Console) -> Result<()> {
     let simulation = simulate(&loaded.instrument, &scene, &response, &options, &progress)?;
     bar.finish_and_clear();
     let seconds = start.elapsed().as_secs_f64();
-
     let mut outputs = Outputs::new();
+    let mut standard_error = None;
+    if let Some(path) = &args.standard_error {
+        let bar = console.progress(STEPS as u64, "simulating with other rays");
+        let progress = |share: f64| bar.set_position((STEPS * share) as u64);
+        let pages = standard_errors(&loaded.instrument, &scene, &response, args.samples(), &progress)?;
+        bar.finish_and_clear();
+        outputs.add(path, encode_tiff_f32(loaded.instrument.sensor.size_px, &pages)?);
+        standard_error = Some(StandardError::of(&pages));
+    }
+
     for (path, bytes) in files.encode(&simulation.frame, &loaded.instrument)? {
         outputs.add(&path, bytes);
     }
@@ -134,8 +160,9 @@ pub fn run(args: &Args, console: &Console) -> Result<()> {
     }
     outputs.commit()?;
 
-    let summary = summary(args, &files, &loaded, &scene, &simulation, seconds);
+    let summary = Summary { standard_error, ..summary(args, &files, &loaded, &scene, &simulation, seconds) };
     console.note(line(&summary));
+    summary.standard_error.iter().for_each(|error| console.note(error.line()));
     if args.json { output::write_stdout(pretty(&summary)?.as_bytes()) } else { Ok(()) }
 }
 
@@ -179,6 +206,21 @@ fn summary<'a>(
         saturated_pixels: saturated_pixels(frame),
         seconds,
         rays: rays(&simulation.ledger),
+        standard_error: None,
+    }
+}
+
+impl StandardError {
+    fn of(pages: &[Vec<f64>]) -> Self {
+        let open = || pages.iter().flatten().filter(|error_e| **error_e > 0.0);
+        let pixels = open().count();
+        let squares: f64 = open().map(|error_e| error_e * error_e).sum();
+        Self { pixels, rms_e: (squares / pixels.max(1) as f64).sqrt(), largest_e: open().copied().fold(0.0, f64::max) }
+    }
+
+    fn line(&self) -> String {
+        let Self { pixels, rms_e, largest_e } = self;
+        format!("rays tell {pixels} pixels; their standard error is {rms_e:.1} e- rms, {largest_e:.0} e- at most")
     }
 }
 

@@ -32,10 +32,15 @@ pub struct LensFile {
 /// Where a file names no wavelengths: those of the d, F and C lines.
 const WAVELENGTHS_NM: [f64; 3] = [587.5618, 486.1327, 656.2725];
 
+/// Whether a file is a `.zmx` file, by its extension.
+pub fn is_zmx(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("zmx"))
+}
+
 /// Reads a lens: a `.zmx` file by its extension, else a prescription.
 fn read_lens(path: &Path) -> Result<LensFile> {
     let name = || path.display().to_string();
-    if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("zmx")) {
+    if is_zmx(path) {
         let lens = ZmxLens::read(&input::read_bytes(path)?).with_context(name)?;
         let wavelengths_nm = if lens.wavelengths_nm.is_empty() { WAVELENGTHS_NM.to_vec() } else { lens.wavelengths_nm };
         let ZmxLens { prescription, beam, has_paraxial_stop, fields, medium_lines, notes, .. } = lens;

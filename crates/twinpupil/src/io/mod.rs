@@ -25,3 +25,4 @@ mod tiff;
 pub mod truth;
 
 pub use self::png::encode_rgb8;
+pub use self::tiff::encode_tiff_f32;

@@ -4,7 +4,7 @@ use std::io::{Cursor, ErrorKind};
 
 use anyhow::{Context, Result, anyhow, bail};
 use tiff::decoder::{Decoder, DecodingResult, Limits};
-use tiff::encoder::colortype::{ColorType as Encoding, Gray8, Gray16, RGB8, RGB16};
+use tiff::encoder::colortype::{ColorType as Encoding, Gray8, Gray16, Gray32Float, RGB8, RGB16};
 use tiff::encoder::{TiffEncoder, TiffValue};
 use tiff::tags::{SampleFormat, Tag};
 use tiff::{ColorType, TiffError};
@@ -109,6 +109,19 @@ pub(super) fn encode(pages: &[Page]) -> Result<Vec<u8>> {
             (_, _) => write::<RGB16>(&mut encoder, page, &page.samples),
         }
         .context("cannot be encoded as TIFF")?;
+    }
+    Ok(bytes.into_inner())
+}
+
+/// Encodes pages of numbers as 32-bit floats, each row by row.
+pub fn encode_tiff_f32(size_px: [usize; 2], pages: &[Vec<f64>]) -> Result<Vec<u8>> {
+    let [width, height] = size_px.map(u32::try_from);
+    let (width, height) = (width?, height?);
+    let mut bytes = Cursor::new(Vec::new());
+    let mut encoder = TiffEncoder::new(&mut bytes)?;
+    for page in pages {
+        let numbers: Vec<f32> = page.iter().map(|number| *number as f32).collect();
+        encoder.write_image::<Gray32Float>(width, height, &numbers).context("cannot be encoded as TIFF")?;
     }
     Ok(bytes.into_inner())
 }

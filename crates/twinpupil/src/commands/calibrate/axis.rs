@@ -63,7 +63,7 @@ struct Mask {
 
 /// Runs `twinpupil calibrate axis`.
 pub(super) fn run(args: &Args, console: &Console) -> Result<()> {
-    let loaded = LoadedInstrument::load(&args.instrument)?;
+    let loaded = LoadedInstrument::load(&args.instrument, console)?;
     if let Some(path) = &args.output {
         output::check(path)?;
     }

@@ -126,7 +126,7 @@ pub fn run(args: &Args, console: &Console) -> Result<()> {
 }
 
 fn calibrate(args: &GridArgs, instrument: &Path, target: &Path, console: &Console) -> Result<()> {
-    let loaded = LoadedInstrument::load(instrument)?;
+    let loaded = LoadedInstrument::load(instrument, console)?;
     let target = Target::from_toml(&input::read_text(target)?).with_context(|| target.display().to_string())?;
     for path in args.output.iter().chain(&args.report) {
         output::check(path)?;

@@ -18,7 +18,7 @@ use crate::design::{Check, Choice, Design, Light, Wishes, best, check, choices, 
 use crate::io::folder::FolderOutputs;
 use crate::io::lens::read_with_glasses;
 use crate::io::output;
-use crate::load::LoadedInstrument;
+use crate::load::{LoadedInstrument, is_instrument};
 
 /// `twinpupil design …`.
 #[derive(Debug, clap::Args)]
@@ -119,7 +119,7 @@ fn run_camera(args: &CameraArgs, console: &Console) -> Result<()> {
     let designed = designed(args, console)?;
     files.add("instrument.toml", designed.instrument.to_toml().into_bytes());
     files.add("sweep.csv", text::series(&designed.choices).into_bytes());
-    files.add("report.html", page::page(&designed).into_html().into_bytes());
+    files.add("report.html", page::page(&designed)?.into_html().into_bytes());
     let (names, report) = (files.names(), files.path("report.html"));
     files.commit()?;
     let seconds = start.elapsed().as_secs_f64();
@@ -154,6 +154,9 @@ fn name(args: &CameraArgs) -> String {
 }
 
 fn wishes(args: &CameraArgs, console: &Console) -> Result<Wishes> {
+    if is_instrument(&args.lens)? {
+        bail!("{}: an instrument file, not a lens; it is designed already", args.lens.display());
+    }
     let (prescription, warnings) = read_with_glasses(&args.lens, &args.agf)?;
     warnings.iter().for_each(|warning| console.note(warning));
     let lens = PrescriptionLens {
@@ -171,7 +174,7 @@ fn wishes(args: &CameraArgs, console: &Console) -> Result<Wishes> {
     let entocentric = args.surface.zip(args.position_mm).map(|(surface, behind_mm)| MaskPlace { surface, behind_mm });
     Ok(Wishes {
         lens,
-        like: LoadedInstrument::load(&args.like)?.instrument,
+        like: LoadedInstrument::load(&args.like, console)?.instrument,
         distance_mm: args.distance_mm,
         depth_range,
         mask_radius_mm: args.mask_radius_mm,

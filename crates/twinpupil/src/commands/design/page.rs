@@ -1,15 +1,17 @@
 //! The design as one page.
 
+use anyhow::Result;
 use twinpupil_instrument::DepthRange;
 
 use super::Designed;
 use super::text::{BANDS, CHOICE, band_cells, marked_cells, places};
+use crate::commands::optics::camera_drawing;
 use crate::design::Choice;
 use crate::plot::{Chart, Colour, Stroke};
 use crate::report::{Column, Figure, Headline, Report};
 
 /// The page.
-pub(super) fn page(designed: &Designed) -> Report {
+pub(super) fn page(designed: &Designed) -> Result<Report> {
     let Designed { design, instrument, choices, chosen, check, light } = designed;
     let DepthRange { near_mm, far_mm } = design.wishes.depth_range;
     let mut report = Report::new(&format!("A camera with two pupils: {}", instrument.name));
@@ -34,6 +36,10 @@ pub(super) fn page(designed: &Designed) -> Report {
         ),
     ]);
     report.heading("Where things go");
+    report.figures(&[Figure::new(
+        camera_drawing(instrument)?.to_svg(),
+        "The lens in section, with the masks and rays of both bands from where they are in focus.",
+    )]);
     report.list(&places(designed));
     let room = |room: &twinpupil_optics::Room| {
         [room.surface.to_string(), format!("{:.2}", room.from_mm), format!("{:.2}", room.to_mm)]
@@ -52,7 +58,7 @@ pub(super) fn page(designed: &Designed) -> Report {
     report.figures(&[Figure::new(plot(choices, chosen), "Precision over light; the choice is marked.")]);
     let row = |choice: &Choice| marked_cells(choice, chosen, " (unfit)");
     report.table(&columns_of(&CHOICE), &choices.iter().map(row).collect::<Vec<_>>());
-    report
+    Ok(report)
 }
 
 fn columns_of<const N: usize>(heads: &[&str; N]) -> [Column; N] {

@@ -1,19 +1,16 @@
 //! What is asked about: a lens over the angles of its field, or a camera in its bands over places in front of it.
 
-use std::path::Path;
-
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use serde::Serialize;
-use twinpupil_instrument::{Instrument, Lens, builtin};
+use twinpupil_instrument::{Instrument, Lens};
 use twinpupil_optics::{BandImager, Field, Imager, PupilFunction, Sight};
 
 use super::used::{LensArgs, Used};
 use crate::commands::options::{distance_mm, extent_mm};
 use crate::console::Console;
-use crate::io::input;
 use crate::io::table::{Cells, Table};
-use crate::load::LoadedInstrument;
+use crate::load::{LoadedInstrument, is_instrument};
 use crate::plot;
 
 /// A lens or a camera, and where objects are.
@@ -103,7 +100,7 @@ impl Asked {
     pub(super) fn load(args: &AskedArgs, parts: &[f64], console: &Console) -> Result<Self> {
         let path = args.lens.lens.as_path();
         if is_instrument(path)? {
-            return Self::of_camera(&LoadedInstrument::load(path)?.instrument, args, parts)
+            return Self::of_instrument(&LoadedInstrument::load(path, console)?.instrument, args, parts)
                 .with_context(|| path.display().to_string());
         }
         args.refuse_for_lens()?;
@@ -124,11 +121,21 @@ impl Asked {
         Ok(Self { fields: parts_of(used.field_slope, parts).iter().map(field).collect(), colours, z_mm: None })
     }
 
-    /// A camera in its bands.
-    pub(super) fn of_camera(instrument: &Instrument, args: &AskedArgs, parts: &[f64]) -> Result<Self> {
+    /// A camera in its bands, as the arguments say.
+    pub(super) fn of_instrument(instrument: &Instrument, args: &AskedArgs, parts: &[f64]) -> Result<Self> {
         args.lens.refuse_for_camera()?;
-        let z_mm = args.z_mm.unwrap_or_else(|| instrument.focus_distance_mm());
-        let largest_mm = args.r_mm.unwrap_or_else(|| seen_radius_mm(instrument, z_mm));
+        Self::of_camera(instrument, args.z_mm, args.r_mm, parts)
+    }
+
+    /// A camera in its bands: objects where it is in focus and as far out as all bands see, unless it is said otherwise.
+    pub(super) fn of_camera(
+        instrument: &Instrument,
+        z_mm: Option<f64>,
+        r_mm: Option<f64>,
+        parts: &[f64],
+    ) -> Result<Self> {
+        let z_mm = z_mm.unwrap_or_else(|| instrument.focus_distance_mm());
+        let largest_mm = r_mm.unwrap_or_else(|| seen_radius_mm(instrument, z_mm));
         let mut bands = Vec::new();
         for index in instrument.bands_by_role() {
             let band = &instrument.bands[index];
@@ -236,18 +243,6 @@ fn seen_radius_mm(instrument: &Instrument, z_mm: f64) -> f64 {
     let half_mm = 0.5 * width_px.min(height_px) as f64 * instrument.sensor.pitch_mm;
     let largest = instrument.bands.iter().map(|band| instrument.projection(band).magnification(z_mm).abs());
     half_mm / largest.fold(f64::MIN_POSITIVE, f64::max)
-}
-
-/// Whether a file is an instrument: it has a sensor.
-pub(super) fn is_instrument(path: &Path) -> Result<bool> {
-    if path.to_str().and_then(builtin::toml).is_some() {
-        return Ok(true);
-    }
-    if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("zmx")) {
-        return Ok(false);
-    }
-    let table: Option<toml::Table> = toml::from_str(&input::read_text(path)?).ok();
-    Ok(table.is_some_and(|table| table.contains_key("sensor")))
 }
 
 impl<'a> View<'a> {

@@ -8,6 +8,7 @@ use super::answer::{Answer, Form};
 use super::asked::{Asked, AskedArgs, View};
 use super::rows::{Rows, cell};
 use crate::console::Console;
+use crate::drawing::Drawing;
 use crate::io::table::Table;
 use crate::plot::{Chart, Stroke};
 use crate::plot_sheet::sheet;
@@ -46,7 +47,7 @@ pub(super) fn run(args: &Args, console: &Console) -> Result<()> {
     let parts: Vec<f64> = (0..args.points).map(|k| f64::from(k) / f64::from(args.points - 1)).collect();
     let asked = Asked::load(&args.asked, &parts, console)?;
     let rows = Rows::new(&asked, asked.views().iter().map(|view| vec![Row::of(view)]));
-    args.form.give(&rows, || drawing(&rows))
+    args.form.give(&rows, || Ok(drawing(&rows)))
 }
 
 impl Row {
@@ -96,7 +97,7 @@ impl Answer for Rows<'_, Row> {
     }
 }
 
-fn drawing(rows: &Rows<'_, Row>) -> String {
+fn drawing(rows: &Rows<'_, Row>) -> Drawing {
     let asked = rows.asked;
     let mut distortion = Chart::new(asked.field_is(), "distortion, %");
     let mut foci = Chart::new(asked.field_is(), "focus behind the image, mm");
@@ -111,5 +112,5 @@ fn drawing(rows: &Rows<'_, Row>) -> String {
             .line(&format!("{name}, tangential"), colour, Stroke::Solid, &line(|row| row.tangential_focus_mm))
             .line(&format!("{name}, sagittal"), colour, Stroke::Dashed, &line(|row| row.sagittal_focus_mm));
     }
-    sheet(&[("Distortion and field curvature".to_owned(), vec![distortion.into_svg(), foci.into_svg()])])
+    sheet(vec![("Distortion and field curvature".to_owned(), vec![distortion.into_drawing(), foci.into_drawing()])])
 }

@@ -9,6 +9,7 @@ use super::answer::{Answer, Form};
 use super::asked::{Asked, AskedArgs, View};
 use super::rows::{Rows, cell};
 use crate::console::Console;
+use crate::drawing::Drawing;
 use crate::io::table::Table;
 use crate::plot::{Chart, Stroke};
 use crate::plot_sheet::sheet;
@@ -53,7 +54,7 @@ struct Row {
 pub(super) fn run(args: &Args, console: &Console) -> Result<()> {
     let asked = Asked::at_some_points(&args.asked, console)?;
     let rows = Rows::new(&asked, asked.views().iter().map(|view| rows(view, args.places)));
-    args.form.give(&rows, || drawing(&asked))
+    args.form.give(&rows, || Ok(drawing(&asked)))
 }
 
 fn rows(view: &View<'_>, count: u16) -> Vec<Row> {
@@ -116,7 +117,7 @@ impl Answer for Rows<'_, Row> {
     }
 }
 
-fn drawing(asked: &Asked) -> String {
+fn drawing(asked: &Asked) -> Drawing {
     let row = |field: usize| {
         let mut errors = Chart::new("place in the pupil", "from the chief ray, µm").x_range(-1.0, 1.0);
         let mut paths = Chart::new("place in the pupil", "path difference, wavelengths").x_range(-1.0, 1.0);
@@ -133,7 +134,7 @@ fn drawing(asked: &Asked) -> String {
                 .line(&format!("{name}, tangential"), colour, Stroke::Solid, &line(|row| row.tangential_opd_waves, 1.0))
                 .line(&format!("{name}, sagittal"), colour, Stroke::Dashed, &line(|row| row.sagittal_opd_waves, 1.0));
         }
-        (asked.field_name(field), vec![errors.into_svg(), paths.into_svg()])
+        (asked.field_name(field), vec![errors.into_drawing(), paths.into_drawing()])
     };
-    sheet(&(0..asked.fields.len()).map(row).collect::<Vec<_>>())
+    sheet((0..asked.fields.len()).map(row).collect())
 }

@@ -1,13 +1,12 @@
-//! A lens in section with rays through it, and with the masks of a camera, as SVG: z to the right, y up, a millimetre a unit.
+//! A lens in section with rays through it, and with the masks of a camera: z to the right, y up.
 
-use std::fmt::Write;
-
+use anyhow::{Context, Result};
 use twinpupil_instrument::{Aperture, Shape, SurfaceSpec};
 use twinpupil_optics::{Imager, Ray, Train};
 
 use super::asked::Asked;
+use crate::drawing::{Anchor, Drawing, Pen};
 use crate::plot;
-use crate::report::escaped;
 
 /// Points of a surface's section.
 const POINTS: usize = 41;
@@ -20,6 +19,9 @@ const CAMERA_PLACES: &[f64] = &[-1.0, 0.0, 1.0];
 /// widths of the beam.
 const LEAD: f64 = 0.3;
 const LEAD_WIDTHS: f64 = 2.0;
+
+/// Width of a drawing.
+const WIDTH: f64 = 1000.0;
 
 /// The shorter side of a drawing is at least this part of the longer one.
 const FLATTEST: f64 = 0.25;
@@ -50,11 +52,11 @@ struct Path {
 }
 
 /// The drawing.
-pub(super) fn svg(drawn: &Drawn<'_>) -> String {
+pub(super) fn section(drawn: &Drawn<'_>) -> Result<Drawing> {
     let surfaces: Vec<&SurfaceSpec> = drawn.surfaces.iter().filter(|surface| surface.shape != Shape::Break).collect();
     let inks = drawn.asked.inks();
     let paths: Vec<Path> = drawn.colours.iter().flat_map(|colour| paths(drawn.asked, *colour, inks[*colour])).collect();
-    let Some(train) = drawn.asked.colours.first().map(|colour| colour.imager.train()) else { return String::new() };
+    let train = drawn.asked.colours.first().context("no wavelength to draw a lens at")?.imager.train();
     let of_lens: Vec<usize> = (0..train.len()).filter(|met| train.mask_met(*met).is_none()).collect();
     let radii_mm = radii_mm(&surfaces, &of_lens, &paths, drawn.half_sensor_mm);
     let section = |(met, radius_mm): (&usize, &f64)| flat(&train.section(*met, *radius_mm, POINTS));
@@ -62,29 +64,21 @@ pub(super) fn svg(drawn: &Drawn<'_>) -> String {
     let mut sheet = Sheet::around(sections.iter().chain(paths.iter().map(|path| &path.line)));
     sheet.glass(&surfaces, &sections);
     for path in &paths {
-        let style = format!(
-            "stroke=\"{}\" stroke-opacity=\"0.75\" stroke-width=\"{:.4}\"",
-            path.ink.css(),
-            0.4 * sheet.stroke_mm
-        );
-        sheet.element("polyline", path.line.iter(), &style);
+        sheet.line(&path.line, Stroke { width: 0.45, ..Stroke::of(path.ink.css()) });
     }
     for (k, section) in sections.iter().enumerate() {
-        let style = match surfaces.get(k) {
+        let stroke = match surfaces.get(k) {
             Some(surface) if surface.stop && surface.medium == "air" => {
-                "stroke=\"#999\" stroke-dasharray=\"1 1\"".to_owned()
+                Stroke { dash: Some(3.0), ..Stroke::of("#999") }
             }
-            Some(surface) if surface.mirror => "stroke=\"#333\" stroke-linecap=\"round\"".to_owned(),
-            None if drawn.half_sensor_mm.is_some() => {
-                format!("stroke=\"#333\" stroke-width=\"{:.4}\"", 3.0 * sheet.stroke_mm)
-            }
-            _ => "stroke=\"#333\"".to_owned(),
+            None if drawn.half_sensor_mm.is_some() => Stroke { width: 3.0, ..Stroke::of("#333") },
+            _ => Stroke::of("#333"),
         };
-        sheet.element("polyline", section.iter(), &style);
+        sheet.line(section, stroke);
     }
     sheet.masks(drawn, train, &paths, &inks);
     sheet.legend(drawn, &inks);
-    sheet.into_svg()
+    Ok(sheet.drawing)
 }
 
 /// Rays of a colour from all points of the field.
@@ -153,13 +147,28 @@ fn flat(places: &[[f64; 3]]) -> Line {
     places.iter().map(|[_, y, z]| [*z, *y]).collect()
 }
 
-/// An SVG in the making.
+/// How a line is drawn, in strokes.
+#[derive(Clone, Copy)]
+struct Stroke<'a> {
+    ink: &'a str,
+    width: f64,
+    dash: Option<f64>,
+}
+
+impl<'a> Stroke<'a> {
+    fn of(ink: &'a str) -> Self {
+        Self { ink, width: 1.0, dash: None }
+    }
+}
+
+/// A drawing in the making.
 struct Sheet {
     /// Lower and upper end of z and y, mm.
     low_mm: [f64; 2],
     high_mm: [f64; 2],
     stroke_mm: f64,
-    body: String,
+    per_mm: f64,
+    drawing: Drawing,
 }
 
 impl Sheet {
@@ -172,41 +181,39 @@ impl Sheet {
         // A flat drawing gets some room above and below, for what is written there.
         let lacking_mm = (0.5 * (FLATTEST * size_mm - (high[1] - low[1]))).max(0.0);
         let margin_mm = 0.03 * size_mm;
-        Self {
-            low_mm: [low[0] - margin_mm, low[1] - margin_mm - lacking_mm - 0.05 * size_mm],
-            high_mm: [high[0] + margin_mm, high[1] + margin_mm + lacking_mm + 0.04 * size_mm],
-            stroke_mm: 0.002 * size_mm,
-            body: String::new(),
-        }
+        let low_mm = [low[0] - margin_mm, low[1] - margin_mm - lacking_mm - 0.05 * size_mm];
+        let high_mm = [high[0] + margin_mm, high[1] + margin_mm + lacking_mm + 0.04 * size_mm];
+        let per_mm = WIDTH / (high_mm[0] - low_mm[0]);
+        let drawing = Drawing::new([WIDTH, (per_mm * (high_mm[1] - low_mm[1])).round()]);
+        Self { low_mm, high_mm, stroke_mm: 0.002 * size_mm, per_mm, drawing }
     }
 
     fn letter_mm(&self) -> f64 {
         9.0 * self.stroke_mm
     }
 
-    /// A line of points, y up.
-    fn element<'a>(&mut self, kind: &str, points: impl Iterator<Item = &'a [f64; 2]>, style: &str) {
-        let points: Vec<String> = points.map(|[z, y]| format!("{z:.4},{:.4}", -y)).collect();
-        // Writing to a string cannot fail.
-        let _ = writeln!(self.body, "<{kind} points=\"{}\" {style}/>", points.join(" "));
+    /// A place on the drawing.
+    fn at(&self, [z_mm, y_mm]: [f64; 2]) -> [f64; 2] {
+        [self.per_mm * (z_mm - self.low_mm[0]), self.per_mm * (self.high_mm[1] - y_mm)]
     }
 
-    fn text(&mut self, [z_mm, y_mm]: [f64; 2], anchor: &str, ink: &str, text: &str) {
-        let _ = writeln!(
-            self.body,
-            "<text x=\"{z_mm:.4}\" y=\"{:.4}\" text-anchor=\"{anchor}\" fill=\"{ink}\" stroke=\"none\" \
-             font-family=\"system-ui, sans-serif\" font-size=\"{:.4}\">{}</text>",
-            -y_mm,
-            self.letter_mm(),
-            escaped(text)
-        );
+    fn line(&mut self, points_mm: &[[f64; 2]], stroke: Stroke<'_>) {
+        let points: Vec<[f64; 2]> = points_mm.iter().map(|at| self.at(*at)).collect();
+        let unit = self.per_mm * self.stroke_mm;
+        let dash = stroke.dash.map(|strokes| strokes * unit);
+        self.drawing.line(&points, Pen { ink: stroke.ink, width: stroke.width * unit, dash });
+    }
+
+    fn text(&mut self, at_mm: [f64; 2], anchor: Anchor, text: &str) {
+        let size = (self.per_mm * self.letter_mm()).round() as u32;
+        self.drawing.text(self.at(at_mm), anchor, size, text);
     }
 
     fn glass(&mut self, surfaces: &[&SurfaceSpec], sections: &[Line]) {
-        for (surface, pair) in surfaces.iter().zip(sections.windows(2)).filter(|(surface, _)| surface.medium != "air") {
-            let outline = pair[0].iter().chain(pair[1].iter().rev());
-            let style = if surface.mirror { "fill=\"none\"" } else { "fill=\"#dbe9f6\" stroke=\"none\"" };
-            self.element("polygon", outline, style);
+        let is_glass = |surface: &SurfaceSpec| surface.medium != "air" && !surface.mirror;
+        for (_, pair) in surfaces.iter().zip(sections.windows(2)).filter(|(surface, _)| is_glass(surface)) {
+            let outline: Vec<[f64; 2]> = pair[0].iter().chain(pair[1].iter().rev()).map(|at| self.at(*at)).collect();
+            self.drawing.area(&outline, "#dbe9f6");
         }
     }
 
@@ -236,19 +243,17 @@ impl Sheet {
                     _ => None,
                 };
                 if let Some(ink) = ink {
-                    let style = format!("stroke=\"{ink}\" stroke-width=\"{:.4}\"", 2.5 * self.stroke_mm);
                     for side in [-1.0, 1.0] {
                         let ends = [inner_mm, outer_mm].map(|mm| [z_mm, centre_mm + side * mm]);
-                        self.element("polyline", ends.iter(), &style);
+                        self.line(&ends, Stroke { width: 2.5, ..Stroke::of(ink) });
                     }
                 }
                 inner_mm = outer_mm;
             }
             let label_mm = self.high_mm[1] - 1.5 * self.letter_mm();
             let leader = [centre_mm + end_mm, label_mm - 0.4 * self.letter_mm()].map(|y_mm| [z_mm, y_mm]);
-            let style = format!("stroke=\"#999\" stroke-width=\"{:.4}\"", 0.4 * self.stroke_mm);
-            self.element("polyline", leader.iter(), &style);
-            self.text([z_mm, label_mm], "middle", "#333", &format!("mask {index}"));
+            self.line(&leader, Stroke { width: 0.4, ..Stroke::of("#999") });
+            self.text([z_mm, label_mm], Anchor::Middle, &format!("mask {index}"));
         }
     }
 
@@ -258,30 +263,15 @@ impl Sheet {
         let mut z_mm = self.low_mm[0] + self.letter_mm();
         for colour in &drawn.colours {
             let name = &drawn.asked.colours[*colour].name;
-            let style = format!("stroke=\"{}\" stroke-width=\"{:.4}\"", inks[*colour].css(), 2.0 * self.stroke_mm);
             let ends = [0.0, 2.0].map(|letters| [z_mm + letters * self.letter_mm(), base_mm + 0.3 * self.letter_mm()]);
-            self.element("polyline", ends.iter(), &style);
-            self.text([z_mm + 2.5 * self.letter_mm(), base_mm], "start", "#333", name);
+            self.line(&ends, Stroke { width: 2.0, ..Stroke::of(inks[*colour].css()) });
+            self.text([z_mm + 2.5 * self.letter_mm(), base_mm], Anchor::Start, name);
             z_mm += (4.0 + 0.6 * name.chars().count() as f64) * self.letter_mm();
         }
         let bar_mm = crate::round::round_below(0.2 * (self.high_mm[0] - self.low_mm[0]));
         let right_mm = self.high_mm[0] - self.letter_mm();
         let ends = [right_mm - bar_mm, right_mm].map(|z_mm| [z_mm, base_mm + 1.2 * self.letter_mm()]);
-        self.element("polyline", ends.iter(), "stroke=\"#333\"");
-        self.text([right_mm - 0.5 * bar_mm, base_mm], "middle", "#333", &format!("{bar_mm} mm"));
-    }
-
-    fn into_svg(self) -> String {
-        let [left, top] = [self.low_mm[0], -self.high_mm[1]];
-        let [width, height] = [0, 1].map(|k| self.high_mm[k] - self.low_mm[k]);
-        let wide = 1000.0;
-        format!(
-            "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"{left:.4} {top:.4} {width:.4} {height:.4}\" width=\"{wide}\" \
-             height=\"{:.0}\" fill=\"none\" stroke-width=\"{:.4}\">\n<rect x=\"{left:.4}\" y=\"{top:.4}\" \
-             width=\"{width:.4}\" height=\"{height:.4}\" fill=\"white\"/>\n{}</svg>\n",
-            wide * height / width,
-            self.stroke_mm,
-            self.body
-        )
+        self.line(&ends, Stroke::of("#333"));
+        self.text([right_mm - 0.5 * bar_mm, base_mm], Anchor::Middle, &format!("{bar_mm} mm"));
     }
 }

@@ -13,6 +13,8 @@ mod show_camera;
 mod spot;
 mod used;
 
+pub(super) use self::show_camera::camera_drawing;
+
 use anyhow::Result;
 use clap::Subcommand;
 

@@ -11,6 +11,7 @@ use super::asked::{Asked, AskedArgs, Pupil, View};
 use super::rows::{Rows, cell};
 use crate::commands::options::number;
 use crate::console::Console;
+use crate::drawing::Drawing;
 use crate::io::table::Table;
 use crate::plot::{Chart, Stroke};
 use crate::plot_sheet::sheet;
@@ -59,7 +60,7 @@ pub(super) fn run(args: &Args, console: &Console) -> Result<()> {
     let seen = asked.views().into_par_iter().map(Seen::of).collect::<Result<Vec<_>>>()?;
     let finest_per_mm = args.to_per_mm.unwrap_or_else(|| half_of_all(&seen));
     let of_views: Vec<Vec<Row>> = seen.par_iter().map(|seen| seen.rows(finest_per_mm, args.gratings)).collect();
-    args.form.give(&Rows::new(&asked, of_views), || drawing(&asked, &seen, finest_per_mm))
+    args.form.give(&Rows::new(&asked, of_views), || Ok(drawing(&asked, &seen, finest_per_mm)))
 }
 
 /// Half of the finest grating that any view lets through, rounded.
@@ -118,7 +119,7 @@ impl Answer for Rows<'_, Row> {
     }
 }
 
-fn drawing(asked: &Asked, seen: &[Seen<'_>], finest_per_mm: f64) -> String {
+fn drawing(asked: &Asked, seen: &[Seen<'_>], finest_per_mm: f64) -> Drawing {
     let chart =
         |how: &str| Chart::new("cycles/mm", &format!("contrast {how}")).y_range(0.0, 1.0).x_range(0.0, finest_per_mm);
     let row = |field: usize| {
@@ -144,7 +145,7 @@ fn drawing(asked: &Asked, seen: &[Seen<'_>], finest_per_mm: f64) -> String {
                 &line(|row| row.sagittal_by_rays),
             );
         }
-        (asked.field_name(field), vec![waves.into_svg(), rays.into_svg()])
+        (asked.field_name(field), vec![waves.into_drawing(), rays.into_drawing()])
     };
-    sheet(&(0..asked.fields.len()).map(row).collect::<Vec<_>>())
+    sheet((0..asked.fields.len()).map(row).collect())
 }

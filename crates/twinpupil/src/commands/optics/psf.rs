@@ -13,6 +13,7 @@ use super::asked::{About, Asked, AskedArgs, Pupil, View};
 use super::rows::cell;
 use crate::commands::options::{file_of, size_mm};
 use crate::console::Console;
+use crate::drawing::Drawing;
 use crate::io::encode_rgb8;
 use crate::io::output::Outputs;
 use crate::io::table::{Cells, Table};
@@ -29,10 +30,10 @@ pub struct Args {
     /// How far from the chief ray the image is told, mm; else as far as most light of any point reaches
     #[arg(long, value_name = "MM", value_parser = size_mm())]
     reach_mm: Option<f64>,
-    /// Pictures of the images by diffraction as PNG: fields under each other, colours beside each other, every one to its
+    /// Picture of the images by diffraction as PNG: fields under each other, colours beside each other, every one to its
     /// own brightest place, by the root of the light
     #[arg(long, value_name = "FILE", value_parser = file_of("png"))]
-    png: Option<PathBuf>,
+    picture: Option<PathBuf>,
     /// How it is given.
     #[command(flatten)]
     form: Form,
@@ -106,10 +107,10 @@ pub(super) fn run(args: &Args, console: &Console) -> Result<()> {
     let reach_mm = args.reach_mm.unwrap_or_else(|| reach_of_all_mm(&seen));
     let images = Images { asked: &asked, seen, reach_mm };
     let mut outputs = Outputs::new();
-    if let Some(path) = &args.png {
+    if let Some(path) = &args.picture {
         outputs.add(path, images.picture()?);
     }
-    args.form.give_with(&images, || images.drawing(), outputs)
+    args.form.give_with(&images, || Ok(images.drawing()), outputs)
 }
 
 /// As far as light reaches, where the pupil is not all but shut: a slit of it spreads light without end.
@@ -182,7 +183,7 @@ impl Images<'_> {
         (0..=2 * REACH).map(|k| self.reach_mm * (k as f64 / REACH as f64 - 1.0)).collect()
     }
 
-    fn drawing(&self) -> String {
+    fn drawing(&self) -> Drawing {
         let offsets_mm = self.offsets_mm();
         let drawn = |y: &[f64]| -> Vec<[f64; 2]> { offsets_mm.iter().zip(y).map(|(x, y)| [1000.0 * x, *y]).collect() };
         let row = |field: usize| {
@@ -203,9 +204,9 @@ impl Images<'_> {
                     &rays,
                 );
             }
-            (self.asked.field_name(field), vec![sections.into_svg(), encircled.into_svg()])
+            (self.asked.field_name(field), vec![sections.into_drawing(), encircled.into_drawing()])
         };
-        sheet(&(0..self.asked.fields.len()).map(row).collect::<Vec<_>>())
+        sheet((0..self.asked.fields.len()).map(row).collect())
     }
 
     /// All images on one picture, y up.

@@ -7,12 +7,14 @@ use twinpupil_instrument::{Shape, paraxial_rays};
 use twinpupil_optics::{ChromaticSums, FirstOrder, SeidelSums};
 
 use super::answer::{Answer, Form};
-use super::asked::{Asked, AskedArgs, LENS_FIELDS, is_instrument};
-use super::layout::{Drawn, svg};
+use super::asked::{Asked, AskedArgs, LENS_FIELDS};
+use super::layout::{Drawn, section};
 use super::show_camera;
 use super::used::Used;
 use crate::console::Console;
+use crate::drawing::Drawing;
 use crate::io::table::{Cells, Table};
+use crate::load::is_instrument;
 use crate::text_table::render;
 
 /// `twinpupil optics show …`.
@@ -80,20 +82,20 @@ struct Aberrations {
 pub(super) fn run(args: &Args, console: &Console) -> Result<()> {
     let path = args.asked.lens.lens.as_path();
     if is_instrument(path)? {
-        return show_camera::run(&args.asked, &args.form).with_context(|| path.display().to_string());
+        return show_camera::run(&args.asked, &args.form, console).with_context(|| path.display().to_string());
     }
     args.asked.refuse_for_lens()?;
     let used = Used::load(&args.asked.lens, console)?;
-    let asked = if args.form.is_drawn() { Some(Asked::of_lens(&used, &LENS_FIELDS)?) } else { None };
-    args.form.give(&Shown::of(&used), || asked.as_ref().map_or(String::new(), |asked| drawing(&used, asked)))
+    args.form.give(&Shown::of(&used), || drawing(&used))
 }
 
 /// The lens in section, with rays of the shortest and the longest wavelength.
-fn drawing(used: &Used, asked: &Asked) -> String {
+fn drawing(used: &Used) -> Result<Drawing> {
+    let asked = Asked::of_lens(used, &LENS_FIELDS)?;
     let mut colours = used.shortest_and_longest().to_vec();
     colours.dedup();
     let surfaces = &used.file.prescription.surfaces;
-    svg(&Drawn { asked, colours, surfaces, masks: &[], half_sensor_mm: None })
+    section(&Drawn { asked: &asked, colours, surfaces, masks: &[], half_sensor_mm: None })
 }
 
 impl Shown {

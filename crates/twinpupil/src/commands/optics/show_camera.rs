@@ -6,7 +6,9 @@ use twinpupil_instrument::{Instrument, Lens, LensStand, MaskPlace, Zone};
 
 use super::answer::{Answer, Form};
 use super::asked::{Asked, AskedArgs, CAMERA_FIELDS};
-use super::layout::{Drawn, svg};
+use super::layout::{Drawn, section};
+use crate::console::Console;
+use crate::drawing::Drawing;
 use crate::io::table::{Cells, Table};
 use crate::load::LoadedInstrument;
 use crate::text_table::render;
@@ -52,9 +54,9 @@ struct Mask {
 }
 
 /// Shows a camera.
-pub(super) fn run(args: &AskedArgs, form: &Form) -> Result<()> {
-    let instrument = LoadedInstrument::load(&args.lens.lens)?.instrument;
-    let asked = Asked::of_camera(&instrument, args, &CAMERA_FIELDS)?;
+pub(super) fn run(args: &AskedArgs, form: &Form, console: &Console) -> Result<()> {
+    let instrument = LoadedInstrument::load(&args.lens.lens, console)?.instrument;
+    let asked = Asked::of_instrument(&instrument, args, &CAMERA_FIELDS)?;
     let Lens::Prescription(lens) = &instrument.lens else { bail!("a camera without surfaces") };
     let stand = lens.stand(instrument.sensor.distance_mm)?;
     let places = lens.places(&instrument.apertures)?;
@@ -62,9 +64,16 @@ pub(super) fn run(args: &AskedArgs, form: &Form) -> Result<()> {
     form.give(&camera, || drawing(&instrument, &stand, &asked))
 }
 
-fn drawing(instrument: &Instrument, stand: &LensStand, asked: &Asked) -> String {
+/// A camera in section, with rays of all bands from where it is in focus.
+pub(in crate::commands) fn camera_drawing(instrument: &Instrument) -> Result<Drawing> {
+    let asked = Asked::of_camera(instrument, None, None, &CAMERA_FIELDS)?;
+    let Lens::Prescription(lens) = &instrument.lens else { bail!("a camera without surfaces") };
+    drawing(instrument, &lens.stand(instrument.sensor.distance_mm)?, &asked)
+}
+
+fn drawing(instrument: &Instrument, stand: &LensStand, asked: &Asked) -> Result<Drawing> {
     let sensor = &instrument.sensor;
-    svg(&Drawn {
+    section(&Drawn {
         asked,
         colours: (0..asked.colours.len()).collect(),
         surfaces: &stand.prescription.surfaces,

@@ -10,6 +10,7 @@ use super::asked::{Asked, AskedArgs, View};
 use super::psf::DARK_RING;
 use super::rows::{Rows, cell};
 use crate::console::Console;
+use crate::drawing::Drawing;
 use crate::io::table::{Cells, Table};
 use crate::plot::{Chart, Colour, Stroke};
 use crate::plot_sheet::tiles;
@@ -64,7 +65,7 @@ pub(super) fn run(args: &Args, console: &Console) -> Result<()> {
     let asked = Asked::load(&args.asked, &FIELDS, console)?;
     let places = places(args.rays);
     let rows = Rows::new(&asked, asked.views().iter().map(|view| vec![Spot::of(view, &places)]));
-    args.form.give(&rows, || drawing(&rows))
+    args.form.give(&rows, || Ok(drawing(&rows)))
 }
 
 /// Places that fill the pupil evenly: by the golden angle.
@@ -183,7 +184,7 @@ fn ellipse([a, b]: [f64; 2]) -> Vec<[f64; 2]> {
 }
 
 /// Every spot to one scale, with the ring that diffraction makes of it, and how large they are over the field.
-fn drawing(rows: &Rows<'_, Spot>) -> String {
+fn drawing(rows: &Rows<'_, Spot>) -> Drawing {
     let asked = rows.asked;
     let views = asked.views();
     let all: Vec<(View<'_>, Rays)> = views.into_par_iter().map(|view| (view, Rays::of(&view))).collect();
@@ -203,7 +204,7 @@ fn drawing(rows: &Rows<'_, Spot>) -> String {
         for (own, colour) in asked.colours.iter().zip(asked.inks()) {
             chart = chart.points(&own.name, colour, &[]);
         }
-        (asked.field_name(field), chart.line("first dark ring", Colour::Grey, Stroke::Dashed, &[]).into_svg())
+        (asked.field_name(field), chart.line("first dark ring", Colour::Grey, Stroke::Dashed, &[]).into_drawing())
     };
     let mut sizes = Chart::new(asked.field_is(), "root mean square radius, µm");
     for (k, colour) in (0..asked.colours.len()).zip(asked.inks()) {
@@ -213,5 +214,5 @@ fn drawing(rows: &Rows<'_, Spot>) -> String {
         sizes = sizes.line(&asked.colours[k].name, colour, Stroke::Solid, &line);
     }
     let spots = (0..asked.fields.len()).map(spot);
-    tiles(&spots.chain([("Over the field".to_owned(), sizes.into_svg())]).collect::<Vec<_>>(), COLUMNS)
+    tiles(spots.chain([("Over the field".to_owned(), sizes.into_drawing())]).collect(), COLUMNS)
 }

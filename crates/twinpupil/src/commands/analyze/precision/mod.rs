@@ -113,7 +113,7 @@ fn mode_name(mode: Mode) -> &'static str {
 pub fn run(args: &Args, console: &Console) -> Result<()> {
     let start = Instant::now();
     let mut files = FolderOutputs::new(&args.output)?;
-    let loaded = LoadedInstrument::load(&args.instrument)?;
+    let loaded = LoadedInstrument::load(&args.instrument, console)?;
     let (analysis, sheets, trials) = analyse(args, &loaded, console)?;
 
     series::add(&mut files, &analysis, &sheets, &trials);

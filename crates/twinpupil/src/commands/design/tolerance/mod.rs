@@ -77,7 +77,7 @@ pub(super) fn run(args: &Args, console: &Console) -> Result<()> {
     if !args.merge.is_empty() {
         return merged(args, files, console);
     }
-    let spec = spec(args)?;
+    let spec = spec(args, console)?;
     let run = spec
         .run()
         .with_context(|| args.instrument.as_ref().map_or(String::new(), |path| path.display().to_string()))?;
@@ -98,9 +98,9 @@ pub(super) fn run(args: &Args, console: &Console) -> Result<()> {
 }
 
 /// What makes this run the same run.
-fn spec(args: &Args) -> Result<RunSpec> {
+fn spec(args: &Args, console: &Console) -> Result<RunSpec> {
     let path = args.instrument.as_deref().context("no instrument is given")?;
-    let instrument = LoadedInstrument::load(path)?.instrument;
+    let instrument = LoadedInstrument::load(path, console)?.instrument;
     let word = args.tolerances.to_str().and_then(grade);
     let tolerances = word.map_or_else(|| input::read_text(&args.tolerances), |text| Ok(text.to_owned()))?;
     Tolerances::from_toml(&tolerances).with_context(|| args.tolerances.display().to_string())?;
