@@ -351,6 +351,14 @@ impl Calibrator<'_> {
     /// Refuses frames all of which are blurred by something else than distance.
     fn check_sharpness(&self, attempt: &Attempt, seen: &[Seen<'_>]) -> Result<(), CalibrateError> {
         let Some(extra_px) = self.added_blur_px(&attempt.start, &attempt.observations) else { return Ok(()) };
+        // One frame near the focus may be blurred alone: without it the others do not show that.
+        let is_shown_without = |place: usize| {
+            let others = attempt.observations.iter().filter(|own| own.frame != place).copied().collect::<Vec<_>>();
+            self.added_blur_px(&attempt.start, &others).is_some()
+        };
+        if seen.len() > 1 && !(0..seen.len()).all(is_shown_without) {
+            return Ok(());
+        }
         match (seen, attempt.start.adjusted.state.poses.as_slice()) {
             ([_], [pose]) => {
                 Err(CalibrateError::NoFrames(FrameFault::Blurred { extra_px, z_mm: pose.translation_mm.z }))
