@@ -2,6 +2,7 @@
 
 use twinpupil_instrument::DepthRange;
 
+use crate::known::Contradiction;
 use crate::result::{Calibration, LeftOpen};
 use crate::target::{Target, TargetDot};
 use crate::unknown::Quantity;
@@ -29,6 +30,7 @@ pub(crate) fn advice(calibration: &Calibration, target: &Target) -> Vec<String> 
         [restless(calibration), unexplained(calibration), other_size(calibration), wrong_dots(calibration, target)]
             .into_iter()
             .flatten()
+            .chain(calibration.contradictions.iter().map(Contradiction::to_string))
             .collect();
     let frames = &calibration.frames;
     if frames.len() < FRAMES_MIN {
@@ -76,6 +78,13 @@ pub(crate) fn advice(calibration: &Calibration, target: &Target) -> Vec<String> 
     let mut dots: Vec<usize> = seen.collect();
     dots.sort_unstable();
     dots.dedup();
+    if target.is_mirror_symmetric() {
+        advice.push(
+            "the target looks the same in a mirror, so that a mirrored image would not show: give it a dot that is missing or \
+             larger, beside its middle row and column"
+                .to_owned(),
+        );
+    }
     if 2 * dots.len() < target.dots().len() {
         advice.push(format!("only {} of the target's {} dots were ever seen", dots.len(), target.dots().len()));
     }
@@ -108,7 +117,7 @@ fn unexplained(calibration: &Calibration) -> Option<String> {
     };
     let worst = calibration.frames.iter().max_by(|a, b| a.pixel_chi2.total_cmp(&b.pixel_chi2))?;
     Some(format!(
-        "{what}: the target, a frame or the model of the camera is not as stated, and the numbers deserve less trust than \
+        "{what}: a frame is not sharp, or the target or the model of the camera is not as stated, and the numbers deserve less trust than \
          their deviations say; the frame given as number {} fits worst, with a χ² of {:.1} for each pixel",
         worst.frame + 1,
         worst.pixel_chi2

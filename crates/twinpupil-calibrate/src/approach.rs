@@ -5,6 +5,7 @@ use twinpupil_instrument::{Parameter, PixelPoint, Projection, Role};
 use twinpupil_reconstruct::{Feature, Reconstructor};
 
 use crate::adjust::{Adjusted, Dots, Observation, Weighing};
+use crate::blur::{Edge, added_px};
 use crate::calibrate::{CalibrateError, Calibrator, Fault, FrameFault, is_leader};
 use crate::forward::Slot;
 use crate::lattice::median;
@@ -48,26 +49,31 @@ struct Attempt {
 }
 
 /// Steps of the unknowns, in their deviations, that put the focus of bands elsewhere; the first is none.
-fn focal_steps(unknowns: &[Unknown]) -> Vec<Vec<f64>> {
+fn focal_steps(unknowns: &[Unknown], frames: usize) -> Vec<Vec<f64>> {
     const STEP: f64 = 0.7;
+    const STEPS: [f64; 5] = [0.0, -STEP, STEP, -2.0 * STEP, 2.0 * STEP];
+    // Several frames lead to their focus from farther away.
+    let tried = if frames == 1 { 5 } else { 3 };
     let mut all = vec![Vec::new()];
     for unknown in unknowns {
         let is_focal =
             matches!(unknown.quantity, Quantity::Instrument(Parameter::FocalLength | Parameter::BandFocalLength(_)));
-        let steps: &[f64] = if is_focal { &[0.0, -STEP, STEP] } else { &[0.0] };
+        let steps = &STEPS[..if is_focal { tried } else { 1 }];
         all = all.iter().flat_map(|own| steps.iter().map(|step| [own.as_slice(), &[*step]].concat())).collect();
     }
     all
 }
 
 impl Calibrator<'_> {
-    /// Poses and instrument as the features alone tell them, without frames that do not fit.
+    /// Poses and instrument as the features alone tell them, without frames that do not fit; of several that explain them with
+    /// dots on other sides of the focus, the best, or one of a lower rank.
     pub(crate) fn approach(
         &self,
         reader: &Reconstructor,
         unknowns: &[Unknown],
         seen: &mut Vec<Seen<'_>>,
         faults: &mut Vec<Fault>,
+        rank: usize,
     ) -> Result<Now, CalibrateError> {
         let mut poses = Vec::new();
         let bands = self.pair();
@@ -85,7 +91,7 @@ impl Calibrator<'_> {
             return Err(CalibrateError::no_frames(faults));
         }
         let start = self.start(reader, unknowns, seen, poses);
-        let mut start = self.focused(&start, unknowns, seen)?;
+        let mut start = self.focused(&start, unknowns, seen, rank)?;
         loop {
             let all: Vec<usize> = (0..seen.len()).collect();
             let Attempt { start: before, observations, adjusted } =
@@ -109,21 +115,27 @@ impl Calibrator<'_> {
 
     /// The instrument with its focus where some frames fit best, and the poses of all as it sees them: on which side of the
     /// focus a dot is does not show in its blur, and by the data sheet it may be on the wrong one.
-    fn focused(&self, start: &Now, unknowns: &[Unknown], seen: &[Seen<'_>]) -> Result<Now, CalibrateError> {
+    fn focused(
+        &self,
+        start: &Now,
+        unknowns: &[Unknown],
+        seen: &[Seen<'_>],
+        rank: usize,
+    ) -> Result<Now, CalibrateError> {
         let asked: Vec<usize> = (0..seen.len()).filter(|place| is_leader(*place, seen.len())).collect();
         // Blur of another origin would lead the focus astray.
         let (sound, fault) = self.without_faults(start, unknowns, seen, &asked)?;
         let asked = if sound.is_empty() { asked } else { sound };
         let mut tried = Vec::new();
-        let mut best = self.attempt(start.clone(), unknowns, (seen, &asked), &mut tried)?;
-        for steps in focal_steps(unknowns).iter().skip(1) {
+        let mut attempts = vec![self.attempt(start.clone(), unknowns, (seen, &asked), &mut tried)?];
+        for steps in focal_steps(unknowns, seen.len()).iter().skip(1) {
             let Ok(elsewhere) = start.stepped(unknowns, steps) else { continue };
-            let Ok(attempt) = self.attempt(elsewhere, unknowns, (seen, &asked), &mut tried) else { continue };
-            if attempt.adjusted.cost < best.adjusted.cost {
-                best = attempt;
-            }
+            attempts.extend(self.attempt(elsewhere, unknowns, (seen, &asked), &mut tried));
         }
+        attempts.sort_by(|a, b| a.adjusted.cost.total_cmp(&b.adjusted.cost));
+        let best = attempts.into_iter().nth(rank).ok_or(UNTRIED)?;
         self.check_roles(start, unknowns, seen, &best)?;
+        self.check_sharpness(&best, seen)?;
         let is_off_sheet = self.check_data_sheet(&best.start, unknowns, &best.adjusted, SIGMAS_MAX);
         is_off_sheet.map_err(|error| fault.map_or(error, CalibrateError::NoFrames))?;
         let now = best.start.moved_to(unknowns, best.adjusted)?;
@@ -336,6 +348,48 @@ impl Calibrator<'_> {
         faults.max_by(|a, b| a.1.0.total_cmp(&b.1.0)).map(|(place, (_, fault))| (place, fault))
     }
 
+    /// Refuses frames all of which are blurred by something else than distance.
+    fn check_sharpness(&self, attempt: &Attempt, seen: &[Seen<'_>]) -> Result<(), CalibrateError> {
+        let Some(extra_px) = self.added_blur_px(&attempt.start, &attempt.observations) else { return Ok(()) };
+        // One frame near the focus may be blurred alone: without it the others do not show that.
+        let is_shown_without = |place: usize| {
+            let others = attempt.observations.iter().filter(|own| own.frame != place).copied().collect::<Vec<_>>();
+            self.added_blur_px(&attempt.start, &others).is_some()
+        };
+        if seen.len() > 1 && !(0..seen.len()).all(is_shown_without) {
+            return Ok(());
+        }
+        match (seen, attempt.start.adjusted.state.poses.as_slice()) {
+            ([_], [pose]) => {
+                Err(CalibrateError::NoFrames(FrameFault::Blurred { extra_px, z_mm: pose.translation_mm.z }))
+            }
+            _ => Err(CalibrateError::AllBlurred { extra_px }),
+        }
+    }
+
+    /// Radius of a blur that no distance makes, which features show where they are sharpest in any band, px; `None` if they
+    /// do not show it, or it is that of pixels.
+    pub(crate) fn added_blur_px(&self, now: &Now, observations: &[Observation]) -> Option<f64> {
+        /// Pixels and the noise of edges add half a pixel.
+        const LEAST_PX: f64 = 1.4;
+        let problem = now.problem(&[], &[], Weighing::BY_NOISE);
+        let state = &now.adjusted.state;
+        let edge = |Observation { frame, band, dot, anchor, .. }: &Observation| -> Edge {
+            [problem.image(*band, *dot, &now.cameras, state, &state.poses[*frame]).w, anchor.w]
+        };
+        let of_band = |band: usize| {
+            let edges: Vec<Edge> = observations.iter().filter(|own| own.band == band).map(edge).collect();
+            added_px(&edges)
+        };
+        let shown: Vec<f64> = (0..self.instrument.bands.len()).filter_map(of_band).collect();
+        shown.into_iter().reduce(f64::min).filter(|added_px| *added_px > LEAST_PX)
+    }
+
+    /// Features of one frame, as roughly as they are trusted at first.
+    pub(crate) fn rough_observations(&self, now: &Now, seen: &[Seen<'_>], place: usize) -> Vec<Observation> {
+        self.observations(now, (seen, &[place]), |_| &ROUGH)
+    }
+
     /// Refuses bands whose roles explain the frames far better the other way round.
     fn check_roles(
         &self,
@@ -346,37 +400,59 @@ impl Calibrator<'_> {
     ) -> Result<(), CalibrateError> {
         const POOR_CHI2: f64 = 8.0;
         const BETTER: f64 = 0.2;
-        if adjusted.cost < POOR_CHI2 * observations.len() as f64 {
+        /// If that leads to a camera of the data sheet, and as they are they do not.
+        const BETTER_ON_SHEET: f64 = 0.7;
+        let is_on_sheet = |adjusted: &Adjusted| self.check_data_sheet(start, unknowns, adjusted, SIGMAS_MAX).is_ok();
+        let was_on_sheet = is_on_sheet(adjusted);
+        if adjusted.cost < POOR_CHI2 * observations.len() as f64 && was_on_sheet {
             return Ok(());
         }
         let [telecentric, entocentric] = self.pair();
         let poses: Option<Vec<Pose>> =
             seen.iter().map(|one| self.first_pose(one, [entocentric, telecentric])).collect();
         let Some(poses) = poses else { return Ok(()) };
-        let swapped: Vec<Observation> = observations
-            .iter()
-            .map(|observation| {
-                let band = match observation.band {
-                    band if band == telecentric => entocentric,
-                    band if band == entocentric => telecentric,
-                    band => band,
-                };
-                // Blur tells nothing of masks that are others.
-                let mut information = observation.information;
-                information[(3, 3)] = 0.0;
-                let Observation { frame, dot, anchor, score, .. } = *observation;
-                Observation::new((frame, band, dot), anchor, score, information)
-            })
-            .collect();
+        let swapped = self.exchanged(observations);
         let mut start = start.clone();
         start.adjusted.state.poses = poses;
         let Ok(other) = start.solved(unknowns, &swapped, WEIGHING) else { return Ok(()) };
-        if other.cost < BETTER * adjusted.cost {
+        let times = if !was_on_sheet && is_on_sheet(&other) { BETTER_ON_SHEET } else { BETTER };
+        if other.cost < times * adjusted.cost {
             let [telecentric, entocentric] =
                 [telecentric, entocentric].map(|band| self.instrument.bands[band].name.clone());
             return Err(CalibrateError::Swapped { telecentric, entocentric });
         }
         Ok(())
+    }
+
+    /// What is observed if telecentric and entocentric were the other way round.
+    fn exchanged(&self, observations: &[Observation]) -> Vec<Observation> {
+        let [telecentric, entocentric] = self.pair();
+        let exchanged = |observation: &Observation| {
+            let band = match observation.band {
+                band if band == telecentric => entocentric,
+                band if band == entocentric => telecentric,
+                band => band,
+            };
+            // Blur tells nothing of masks that are others.
+            let mut information = observation.information;
+            information[(3, 3)] = 0.0;
+            let Observation { frame, dot, anchor, score, .. } = *observation;
+            Observation::new((frame, band, dot), anchor, score, information)
+        };
+        observations.iter().map(exchanged).collect()
+    }
+
+    /// Whether the camera explains the features of a frame far better with its bands the other way round.
+    pub(crate) fn is_exchanged(&self, now: &Now, seen: &[Seen<'_>], place: usize) -> Result<bool, CalibrateError> {
+        const BETTER: f64 = 0.2;
+        let [telecentric, entocentric] = self.pair();
+        let Some(pose) = self.first_pose(&seen[place], [entocentric, telecentric]) else { return Ok(false) };
+        let exchanged = self.exchanged(&self.rough_observations(now, seen, place));
+        let as_it_is = self.exchanged(&exchanged);
+        let mut other = now.clone();
+        other.adjusted.state.poses[place] = pose;
+        let cost = |now: &Now, own: &[Observation]| Ok::<f64, CalibrateError>(now.solved(&[], own, WEIGHING)?.cost);
+        Ok(cost(&other, &exchanged)? < BETTER * cost(now, &as_it_is)?)
     }
 
     /// Refuses numbers that no camera of this data sheet has, adjusted from where `now` is.

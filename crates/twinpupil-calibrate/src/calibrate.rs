@@ -6,11 +6,12 @@ use std::error::Error;
 use rayon::prelude::*;
 use thiserror::Error;
 use twinpupil_instrument::check::ValueError;
-use twinpupil_instrument::{Frame, Instrument};
+use twinpupil_instrument::{Frame, Instrument, Role};
 use twinpupil_reconstruct::{Mode, Reconstructor};
 
 use crate::compare::Comparison;
 use crate::correction::{Candidate, CorrectionChoice, CorrectionFinding, tried};
+use crate::known::Contradiction;
 use crate::now::Now;
 use crate::result::{Calibration, Conclusion, HeldOut, held_out};
 use crate::seen::Seen;
@@ -45,6 +46,29 @@ pub enum CalibrateError {
         /// The band that is said to be entocentric.
         entocentric: String,
     },
+    /// The masks say the opposite of the roles.
+    #[error(
+        "band `{entocentric}` is said to be entocentric, but its mask stands nearer to the back focal plane than that of \
+         `{telecentric}`, which is said to be telecentric; legal: the roles, or what the masks pass, the other way round"
+    )]
+    RolesAgainstMasks {
+        /// The band that is said to be telecentric.
+        telecentric: String,
+        /// The band that is said to be entocentric.
+        entocentric: String,
+    },
+    /// Every frame has edges wider than any distance makes them.
+    #[error(
+        "all frames are blurred: where edges are sharpest, they are still {extra_px:.1} px wide, which no distance makes; legal: \
+         frames without motion, through a clean lens, at pupils wide enough for diffraction not to show"
+    )]
+    AllBlurred {
+        /// Radius of the blur that is added, px.
+        extra_px: f64,
+    },
+    /// What was fixed or given a deviation is not what the frames say.
+    #[error("{0}; legal: what the frames say, or a larger deviation")]
+    Contradicted(Contradiction),
     /// A number too far from what the data sheet says.
     #[error(
         "`{key}` would be {found:.6}, {sigmas:.1} tolerances from the {expected} that the instrument file says; {}",
@@ -103,14 +127,27 @@ pub enum FrameFault {
     NoPose,
     /// Edges wider than any distance makes them.
     #[error(
-        "the frame is blurred: edges in all bands are {extra_px:.1} px wider than the target's distance of {z_mm:.0} mm \
-         makes them"
+        "the frame is blurred: its edges are {extra_px:.1} px wider than the target's distance of {z_mm:.0} mm makes them"
     )]
     Blurred {
         /// Radius of the blur that is added, px.
         extra_px: f64,
         /// Distance of the target, mm.
         z_mm: f64,
+    },
+    /// Telecentric and entocentric are the other way round in this frame.
+    #[error("its bands are swapped: they fit the camera of the other frames the other way round")]
+    Exchanged,
+    /// Another camera, another target or an image that was changed.
+    #[error(
+        "{doubted} of its {spots} spots are not where the camera of the other frames sees them: is it mirrored, of another \
+         camera or target, or lit by something else?"
+    )]
+    Stranger {
+        /// Spots that hardly count.
+        doubted: usize,
+        /// All.
+        spots: usize,
     },
     /// Another pose or another target: nothing fits.
     #[error("the dots lie {off_px:.1} px beside where one camera could see them")]
@@ -170,12 +207,56 @@ const SIGMAS_MAX: f64 = 4.0;
 impl<'a> Calibrator<'a> {
     /// Calibrates from so many frames.
     pub fn calibrate(&self, frames: usize) -> Result<Calibration, CalibrateError> {
-        let unknowns = self.choices.unknowns(self.instrument)?;
+        self.check_masks()?;
+        self.calibrate_with(self.choices, frames).map_err(|error| match error {
+            CalibrateError::OffDataSheet { .. } => self.contradiction(frames).unwrap_or(error),
+            error => error,
+        })
+    }
+
+    /// Refuses roles that the masks contradict: what is telecentric is seen through the back focal plane.
+    fn check_masks(&self) -> Result<(), CalibrateError> {
+        let off_focus_mm = |role: Role| {
+            let projection = self.instrument.projection(self.instrument.band(role));
+            (projection.pupil_position_mm - projection.focal_length_mm).abs()
+        };
+        if off_focus_mm(Role::Entocentric) >= off_focus_mm(Role::Telecentric) {
+            return Ok(());
+        }
+        let [telecentric, entocentric] =
+            [Role::Telecentric, Role::Entocentric].map(|role| self.instrument.band(role).name.clone());
+        Err(CalibrateError::RolesAgainstMasks { telecentric, entocentric })
+    }
+
+    /// What was chosen and goes against the frames, if those lead to a camera of this data sheet without it.
+    fn contradiction(&self, frames: usize) -> Option<CalibrateError> {
+        let choices = self.choices.freed(self.instrument);
+        if choices == *self.choices {
+            return None;
+        }
+        let free = self.calibrate_with(&choices, frames).ok()?;
+        let own = |(key, prior_std): (&String, &f64)| {
+            let number = free.number(key)?;
+            Contradiction::of(key.clone(), *prior_std, number.expected, [number.value, number.std])
+        };
+        let all = self.choices.prior_std.iter().filter_map(own);
+        all.max_by(|a, b| a.sigmas().total_cmp(&b.sigmas())).map(CalibrateError::Contradicted)
+    }
+
+    fn calibrate_with(&self, choices: &Choices, frames: usize) -> Result<Calibration, CalibrateError> {
+        let unknowns = choices.unknowns(self.instrument)?;
         let reader = (self.reader)(self.instrument, Mode::Centroid).map_err(CalibrateError::Foreign)?;
         let (mut seen, mut faults) = self.find(&reader, frames)?;
-        let now = self.approach(&reader, &unknowns, &mut seen, &mut faults)?;
-        let (now, comparison) = self.follow(now, &reader, &unknowns, &seen)?;
+        let followed = match seen.len() {
+            1 => self.followed_from_either(&reader, &unknowns, &seen)?,
+            _ => {
+                let now = self.approach(&reader, &unknowns, &mut seen, &mut faults, 0)?;
+                self.follow(now, &reader, &unknowns, &seen)?
+            }
+        };
+        let (now, comparison) = self.without_strangers(followed, &unknowns, &mut seen, &mut faults)?;
         let (fit, correction) = self.corrected(Fit::of(now, unknowns, comparison, seen.len())?, &seen)?;
+        let contradictions = choices.contradictions(self.instrument, &fit.now, &fit.comparison.observations)?;
         // What a field that is not corrected does to the numbers may be too much.
         let named: Vec<Unknown> = fit.unknowns.iter().filter(|own| !own.quantity.is_coefficient()).cloned().collect();
         self.check_data_sheet(&fit.now, &named, &fit.now.adjusted, SIGMAS_MAX)?;
@@ -191,7 +272,40 @@ impl<'a> Calibrator<'a> {
             unrest_sigmas: fit.comparison.unrest_sigmas,
             held_out: fit.held_out,
             correction,
+            contradictions,
         })
+    }
+
+    /// What the pixels of a single frame lead to, from that of two starts whose end they fit better: its features do not always
+    /// tell the side of the focus.
+    fn followed_from_either(
+        &self,
+        reader: &Reconstructor,
+        unknowns: &[Unknown],
+        seen: &[Seen<'a>],
+    ) -> Result<(Now, Comparison), CalibrateError> {
+        const RANKS: usize = 6;
+        const ENDS: usize = 2;
+        let from = |rank: usize| {
+            let (mut seen, mut faults) = (seen.to_vec(), Vec::new());
+            let now = self.approach(reader, unknowns, &mut seen, &mut faults, rank)?;
+            let (now, comparison) = self.follow(now, reader, unknowns, &seen)?;
+            self.check_data_sheet(&now, unknowns, &now.adjusted, SIGMAS_MAX)?;
+            Ok((now, comparison))
+        };
+        let first = from(0);
+        if let Err(error) = &first
+            && !matches!(error, CalibrateError::OffDataSheet { .. })
+        {
+            return first;
+        }
+        let others = (1..RANKS).map(from).filter_map(Result::ok).take(ENDS - usize::from(first.is_ok()));
+        let better = |a: &(Now, Comparison), b: &(Now, Comparison)| a.0.adjusted.cost.total_cmp(&b.0.adjusted.cost);
+        match (others.min_by(better), first) {
+            (Some(other), Ok(first)) => Ok(if better(&other, &first).is_lt() { other } else { first }),
+            (Some(other), Err(_)) => Ok(other),
+            (None, first) => first,
+        }
     }
 
     /// With a smooth correction, if frames that take no part bear it out.
@@ -258,7 +372,7 @@ impl<'a> Calibrator<'a> {
     }
 
     /// Compares frames and adjusts by turns until nothing moves any more; what was compared `before` is known from there.
-    fn settle(
+    pub(crate) fn settle(
         &self,
         mut now: Now,
         unknowns: &[Unknown],

@@ -98,6 +98,19 @@ impl Lattice {
         Some([[u.y, v.y], [u.z, v.z]])
     }
 
+    /// How far the typical feature stands beside the middle of its two neighbours along a row or column, over the step: next
+    /// to nothing in perspective, but much among features that only happen to stand where others are expected.
+    pub(crate) fn unevenness(&self, spots: &[Spot]) -> f64 {
+        let step_px = self.step_px();
+        let beside = |[i, j]: [i32; 2], [di, dj]: [i32; 2]| {
+            let place_px = |k: i32| self.at.get(&[i + k * di, j + k * dj]).map(|index| spots[*index].centre_px);
+            let ([before, own], after) = ([place_px(-1)?, place_px(0)?], place_px(1)?);
+            Some(away_px([0, 1].map(|k| 0.5 * (before[k] + after[k])), own) / step_px)
+        };
+        let ways = |place: &[i32; 2]| [[1, 0], [0, 1]].map(|way| beside(*place, way));
+        median(self.at.keys().flat_map(ways).flatten())
+    }
+
     /// With the shortest steps that lead to the same places, by Lagrange's reduction: where a feature has lost its
     /// neighbours along a column, steps that begin there lead askew.
     fn reduced(self) -> Self {
@@ -223,6 +236,22 @@ mod tests {
         let lattice = Lattice::largest(&spots, &all).unwrap();
         assert_eq!(lattice.at.len(), 20);
         assert!(lattice.at.values().all(|index| *index < 20));
+    }
+
+    #[test]
+    fn only_features_in_rows_and_columns_are_even() {
+        let uneven = |spots: &[Spot]| {
+            let all: Vec<usize> = (0..spots.len()).collect();
+            Lattice::largest(spots, &all).unwrap().unevenness(spots)
+        };
+        assert!(uneven(&grid(9, 7, 0.3, |_, _| true)) < 0.03);
+        // Moved by up to a sixth of a step, each its own way.
+        let mut strayed = grid(9, 7, 0.3, |_, _| true);
+        for (k, spot) in strayed.iter_mut().enumerate() {
+            let (sin, cos) = (2.4 * k as f64).sin_cos();
+            spot.centre_px = [spot.centre_px[0] + 14.0 * cos, spot.centre_px[1] + 14.0 * sin];
+        }
+        assert!(uneven(&strayed) > 0.1);
     }
 
     #[test]

@@ -172,6 +172,17 @@ impl Now {
         self.moved_to(unknowns, adjusted)
     }
 
+    /// Where others are sought than before.
+    pub(crate) fn seeking(&self, unknowns: &[Unknown]) -> Self {
+        let value = |unknown: &Unknown| match unknown.quantity {
+            Quantity::Instrument(parameter) => parameter.value(&self.instrument),
+            Quantity::DotDiameter => self.diameter_scale,
+        };
+        let mut next = self.clone();
+        next.adjusted.state.values = unknowns.iter().map(value).collect();
+        next
+    }
+
     /// Without one of the frames.
     pub(crate) fn without_frame(mut self, place: usize) -> Self {
         self.stage.remove(place);

@@ -9,6 +9,7 @@ use crate::calibrate::{CalibrateError, Fault};
 use crate::compare::Fitness;
 use crate::correction::CorrectionFinding;
 use crate::forward::{CAMERA_SLOTS, Slot, spot};
+use crate::known::Contradiction;
 use crate::lattice::median;
 use crate::now::Now;
 use crate::pose::Pose;
@@ -43,6 +44,8 @@ pub struct Calibration {
     pub correction: Option<CorrectionFinding>,
     /// How far the last step still moved the numbers, in deviations; 0 if they came to rest.
     pub unrest_sigmas: f64,
+    /// What was held or given a deviation beforehand and is not what the frames say.
+    pub contradictions: Vec<Contradiction>,
     /// What would make it better, in sentences.
     pub advice: Vec<String>,
 }
@@ -166,6 +169,7 @@ pub(crate) struct Conclusion<'a> {
     pub(crate) unrest_sigmas: f64,
     pub(crate) held_out: Option<HeldOut>,
     pub(crate) correction: Option<CorrectionFinding>,
+    pub(crate) contradictions: Vec<Contradiction>,
 }
 
 /// Parts of the frames that are held out one after the other, at most.
@@ -227,6 +231,7 @@ impl Calibration {
             held_out: conclusion.held_out,
             correction: conclusion.correction,
             unrest_sigmas: conclusion.unrest_sigmas,
+            contradictions: conclusion.contradictions,
             advice: Vec::new(),
         };
         calibration.advice = advice(&calibration, target);

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 use twinpupil_instrument::{Frame, Instrument, PixelPoint};
-use twinpupil_reconstruct::{Detection, Feature, KnownLight};
+use twinpupil_reconstruct::{Detection, Feature, KnownLight, RejectionReason};
 
 use crate::lattice::{Spot, median};
 use crate::sighting::{Labelled, Sighting, SightingError, recognise};
@@ -31,6 +31,8 @@ impl<'a> Seen<'a> {
         target: &Target,
     ) -> Result<Self, SightingError> {
         let signs = detections.iter().map(|detection| detection.polarity.sign()).collect();
+        let names = instrument.bands.iter().map(|band| band.name.clone());
+        let saturated: Vec<(String, usize)> = names.zip(detections.iter().map(saturated)).collect();
         let whole =
             |detection: Detection| detection.features.into_iter().filter(|feature| !feature.saturated).collect();
         let features: Vec<Vec<Feature>> = detections.into_iter().map(whole).collect();
@@ -39,7 +41,8 @@ impl<'a> Seen<'a> {
             |feature: &Feature| Spot { centre_px: [feature.centre.u, feature.centre.v], area_px: feature.area_px };
         let spots = features.iter().map(|features| features.iter().map(spot).collect());
         let bands: Vec<(&str, Vec<Spot>)> = instrument.bands.iter().map(|band| band.name.as_str()).zip(spots).collect();
-        let sighting = recognise(target, &bands, instrument.sensor.axis_px)?;
+        let sighting =
+            recognise(target, &bands, instrument.sensor.axis_px).map_err(|error| too_bright(error, &saturated))?;
         Ok(Self { frame, kept: None, sighting, features, signs })
     }
 
@@ -75,6 +78,23 @@ impl<'a> Seen<'a> {
             feature.map_or(typical, |feature| light(feature.height_codes, feature.ground_codes))
         };
         (0..dots).map(own).collect()
+    }
+}
+
+/// Features of a band that reach the largest code.
+fn saturated(detection: &Detection) -> usize {
+    let rejected = detection.rejected.iter().filter(|own| own.reason == RejectionReason::Saturated).count();
+    rejected + detection.features.iter().filter(|feature| feature.saturated).count()
+}
+
+/// Why there is no target, if it is that most features of the band are saturated.
+fn too_bright(error: SightingError, saturated: &[(String, usize)]) -> SightingError {
+    let SightingError::NoTarget { band, features, .. } = &error else { return error };
+    match saturated.iter().find(|(own, saturated)| own == band && saturated > features) {
+        Some((band, saturated)) => {
+            SightingError::Saturated { band: band.clone(), saturated: *saturated, features: *features }
+        }
+        None => error,
     }
 }
 

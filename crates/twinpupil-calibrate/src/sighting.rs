@@ -10,6 +10,18 @@ use crate::target::Target;
 /// Why the target is not recognised on a frame.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum SightingError {
+    /// Dots too bright to be measured.
+    #[error(
+        "too bright: {saturated} dots in band `{band}` are saturated, and {features} are not; legal: dots below the largest code"
+    )]
+    Saturated {
+        /// The band.
+        band: String,
+        /// Features that reach the largest code.
+        saturated: usize,
+        /// The others.
+        features: usize,
+    },
     /// Too few features in rows and columns.
     #[error("no target: of {features} features in band `{band}` {placed} lie in rows and columns; legal: at least 9")]
     NoTarget {
@@ -165,7 +177,7 @@ const SAME_SHARE: f64 = 0.25;
 fn lattice(target: &Target, band: &str, spots: &[Spot]) -> Result<Lattice, SightingError> {
     const SECOND_SHARE: f64 = 0.3;
     let all: Vec<usize> = (0..spots.len()).collect();
-    let mut lattice = Lattice::largest(spots, &all).unwrap_or_default();
+    let mut lattice = even(spots, &all).unwrap_or_default();
     leave_out_wide(target, &mut lattice, spots);
     let placed = lattice.at.len();
     if placed < DOTS_MIN {
@@ -177,11 +189,18 @@ fn lattice(target: &Target, band: &str, spots: &[Spot]) -> Result<Lattice, Sight
         is_used
     };
     let others: Vec<usize> = all.into_iter().filter(|index| !is_used[*index]).collect();
-    let second = Lattice::largest(spots, &others).map_or(0, |second| second.at.len());
+    let second = even(spots, &others).map_or(0, |second| second.at.len());
     if second >= DOTS_MIN && second as f64 > SECOND_SHARE * placed as f64 {
         return Err(SightingError::TwoTargets { band: band.to_owned(), first: placed, second });
     }
     Ok(lattice)
+}
+
+/// The largest lattice among some features, if it is no mere chance.
+fn even(spots: &[Spot], among: &[usize]) -> Option<Lattice> {
+    /// Perspective and distortion bend rows by hundredths of a step; features at random places by about a tenth and more.
+    const UNEVENNESS_MAX: f64 = 0.06;
+    Lattice::largest(spots, among).filter(|lattice| lattice.unevenness(spots) < UNEVENNESS_MAX)
 }
 
 /// Leaves out what is too wide for a dot: among dark dots the dark spot that the masks leave, with the dots it touches.

@@ -147,6 +147,26 @@ impl Target {
     }
 }
 
+impl Target {
+    /// Whether it looks the same in a mirror, turned as it may be, so that a mirrored image does not show.
+    pub fn is_mirror_symmetric(&self) -> bool {
+        let TargetSpec { rows, columns, fiducials, .. } = &self.spec;
+        let is_kept = |mirrored: &dyn Fn(&Fiducial) -> [usize; 2]| {
+            fiducials.iter().all(|own| {
+                let [row, column] = mirrored(own);
+                self.fiducial(row, column).is_some_and(|other| other.diameter_mm == own.diameter_mm)
+            })
+        };
+        let (last_row, last_column) = (rows - 1, columns - 1);
+        let upright =
+            is_kept(&|own| [own.row, last_column - own.column]) || is_kept(&|own| [last_row - own.row, own.column]);
+        let across = rows == columns
+            && (is_kept(&|own| [own.column, own.row])
+                || is_kept(&|own| [last_column - own.column, last_row - own.row]));
+        upright || across
+    }
+}
+
 fn check_fiducial(spec: &TargetSpec, index: usize, fiducial: &Fiducial) -> Result<(), ValueError> {
     let key = |name: &str| format!("fiducial[{index}].{name}");
     let legal = |count: usize| format!("0 to {}", count - 1);
@@ -199,6 +219,20 @@ mod tests {
         assert_eq!((corner.position_mm, corner.diameter_mm), ([4.0, 2.0], 1.5));
         assert_eq!(target.dots()[target.dot_at(1, 2).unwrap()].position_mm, [0.0, 0.0]);
         assert_eq!(Target::from_toml(&target.to_toml()).unwrap(), target);
+    }
+
+    #[test]
+    fn only_fiducials_beside_all_middles_tell_a_mirrored_target() {
+        let of = |rows: usize, places: &[[usize; 2]]| {
+            let fiducial = |[row, column]: [usize; 2]| format!("[[fiducial]]\nrow = {row}\ncolumn = {column}\n");
+            let fiducials: String = places.iter().copied().map(fiducial).collect();
+            let grid = GRID.replace("rows = 3", &format!("rows = {rows}"));
+            Target::from_toml(&format!("{grid}{fiducials}")).unwrap().is_mirror_symmetric()
+        };
+        assert!(of(3, &[]) && of(3, &[[1, 0]]) && of(3, &[[0, 0], [0, 4]]));
+        assert!(!of(3, &[[0, 0]]) && !of(3, &[[0, 0], [2, 4]]));
+        // A square one also has diagonals.
+        assert!(of(5, &[[0, 0]]) && !of(5, &[[0, 1]]));
     }
 
     #[test]

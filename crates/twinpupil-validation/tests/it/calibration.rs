@@ -3,8 +3,8 @@
 use std::sync::OnceLock;
 
 use twinpupil_calibrate::{
-    CalibrateError, Calibration, Choices, CorrectionChoice, FrameFault, LeftOpen, Quantity, StagePosition, Target,
-    TargetSpec,
+    CalibrateError, Calibration, Choices, Contradiction, CorrectionChoice, FrameFault, LeftOpen, Quantity,
+    SightingError, StagePosition, Target, TargetSpec,
 };
 use twinpupil_instrument::{Frame, Instrument, Mosaic, Parameter};
 use twinpupil_simulate::{Dot, DotSpec, Illumination, Scene, SceneSpec, TiltAxis};
@@ -28,6 +28,20 @@ fn truth() -> Instrument {
 fn frames() -> &'static [Frame] {
     static FRAMES: OnceLock<Vec<Frame>> = OnceLock::new();
     FRAMES.get_or_init(|| Exposures::of_target(truth(), &target(), &POSES, PUPIL_SAMPLES).frames(1))
+}
+
+/// The same with half as many pixels a side and no tilt or distortion.
+fn coarse_truth() -> Instrument {
+    coarse(&off_data_sheet(&data_sheet(Mosaic::Rgb), false))
+}
+
+fn coarse_frames() -> &'static [Frame] {
+    static FRAMES: OnceLock<Vec<Frame>> = OnceLock::new();
+    FRAMES.get_or_init(|| Exposures::of_target(coarse_truth(), &target(), &POSES, PUPIL_SAMPLES).frames(1))
+}
+
+fn calibrate_coarse(frames: &[Frame]) -> Result<Calibration, CalibrateError> {
+    calibrate(&coarse(&data_sheet(Mosaic::Rgb)), &target(), frames, &Choices::default())
 }
 
 fn calibration() -> &'static Calibration {
@@ -160,10 +174,7 @@ fn a_stage_tells_the_scale_of_depth() {
 
 #[test]
 fn what_frames_cannot_tell_is_named() {
-    let sheet = coarse(&data_sheet(Mosaic::Rgb));
-    let truth = coarse(&off_data_sheet(&data_sheet(Mosaic::Rgb), false));
-    let facing = Exposures::of_target(truth, &target(), &POSES[..1], PUPIL_SAMPLES).frames(1);
-    let calibration = calibrate(&sheet, &target(), &facing, &Choices::default()).expect("something");
+    let calibration = calibrate_coarse(&coarse_frames()[..1]).expect("something");
     let why = |key: &str| calibration.number(key).expect("it is sought").left_open.clone();
     assert!(matches!(why("sensor.distance_mm"), Some(LeftOpen::Tied { .. })), "{:?}", calibration.numbers);
     assert!(calibration.advice.iter().any(|advice| advice.contains("sensor.distance_mm is not determined")));
@@ -200,12 +211,103 @@ fn what_is_wrong_with_target_or_bands_is_told() {
 }
 
 #[test]
-fn a_blurred_frame_is_left_out() {
-    let mut all = frames().to_vec();
-    all[3] = blurred(&all[3], 8);
-    let calibration = calibrate(&data_sheet(Mosaic::Rgb), &target(), &all, &Choices::default()).expect("six frames");
-    assert!(matches!(calibration.faults[..], [(3, FrameFault::Blurred { .. })]), "{:?}", calibration.faults);
-    assert_eq!(calibration.frames.len(), 6);
+fn a_frame_unlike_the_others_is_left_out_and_why() {
+    const AT: usize = 3;
+    let why = |bad: Frame| {
+        let mut all = coarse_frames().to_vec();
+        all[AT] = bad;
+        let calibration = calibrate_coarse(&all).expect("six frames");
+        let off =
+            calibration.number("sensor.distance_mm").expect("it is sought").value - coarse_truth().sensor.distance_mm;
+        assert!(off.abs() < 0.05 && calibration.reduced_chi2 < 2.0, "{off} {}", calibration.reduced_chi2);
+        match &calibration.faults[..] {
+            [(AT, fault)] => fault.clone(),
+            faults => panic!("{faults:?}"),
+        }
+    };
+    let good = &coarse_frames()[AT];
+    for reach in [2, 5] {
+        let fault = why(blurred(good, reach));
+        assert!(matches!(fault, FrameFault::Blurred { .. }), "{reach} {fault:?}");
+    }
+    let exchanged = of_pages(good, good.pages().iter().rev().cloned().collect());
+    assert_eq!(why(exchanged), FrameFault::Exchanged);
+    let mirrored = |page: &Vec<u16>| page.chunks(good.width_px()).flat_map(|row| row.iter().rev().copied()).collect();
+    let mirrored = of_pages(good, good.pages().iter().map(mirrored).collect());
+    let fault = why(mirrored);
+    assert!(matches!(fault, FrameFault::Stranger { .. }), "{fault:?}");
+}
+
+#[test]
+fn frames_that_are_all_blurred_are_refused_for_that() {
+    for reach in [2, 4] {
+        let all: Vec<Frame> = [0, 3, 5].iter().map(|k| blurred(&coarse_frames()[*k], reach)).collect();
+        let error = calibrate_coarse(&all).map(|_| ()).expect_err("they are blurred");
+        assert!(matches!(error, CalibrateError::AllBlurred { .. }), "{error}");
+    }
+    let error = calibrate_coarse(&[blurred(&coarse_frames()[3], 2)]).map(|_| ()).expect_err("it is blurred");
+    assert!(matches!(error, CalibrateError::NoFrames(FrameFault::Blurred { .. })), "{error}");
+}
+
+#[test]
+fn a_single_frame_is_seen_from_the_right_side_of_the_focus() {
+    for frame in &coarse_frames()[2..6] {
+        let calibration = calibrate_coarse(std::slice::from_ref(frame)).expect("a frame");
+        assert!(calibration.reduced_chi2 < 2.0, "{}", calibration.reduced_chi2);
+    }
+}
+
+#[test]
+fn what_was_known_beforehand_and_contradicts_the_frames_is_named() {
+    const KEY: &str = "sensor.distance_mm";
+    let frames = &coarse_frames()[1..5];
+    let of = |std_mm: f64| {
+        let choices = Choices { prior_std: [(KEY.to_owned(), std_mm)].into(), ..Choices::default() };
+        calibrate(&coarse(&data_sheet(Mosaic::Rgb)), &target(), frames, &choices)
+    };
+    let is_named = |found: &Contradiction| {
+        found.key == KEY && (found.found - coarse_truth().sensor.distance_mm).abs() < 0.1 && found.sigmas() > 10.0
+    };
+    let refused = of(0.01).map(|_| ()).expect_err("it contradicts");
+    assert!(matches!(&refused, CalibrateError::Contradicted(found) if is_named(found)), "{refused}");
+    let held = of(0.0).expect("the focal lengths give way");
+    assert!(held.contradictions.iter().any(is_named), "{:?}", held.contradictions);
+    assert!(held.advice.iter().any(|advice| advice.contains("is held at 151, but the frames say 151.")));
+    assert_eq!(of(1.0).expect("it is within").contradictions, []);
+}
+
+#[test]
+fn roles_that_the_masks_or_a_single_frame_contradict_are_told() {
+    let sheet = coarse(&data_sheet(Mosaic::Rgb));
+    let of = |spec: twinpupil_instrument::InstrumentSpec| {
+        let instrument = Instrument::new(spec).expect("legal");
+        calibrate(&instrument, &target(), &coarse_frames()[3..4], &Choices::default()).map(|_| ()).expect_err("wrong")
+    };
+    let mut roles = sheet.clone().into_spec();
+    let (first, second) = roles.bands.split_at_mut(1);
+    std::mem::swap(&mut first[0].role, &mut second[0].role);
+    let roles = of(roles);
+    assert!(matches!(roles, CalibrateError::RolesAgainstMasks { .. }), "{roles}");
+    let mut planes = sheet.into_spec();
+    let (first, second) = planes.bands.split_at_mut(1);
+    std::mem::swap(&mut first[0].plane, &mut second[0].plane);
+    let planes = of(planes);
+    assert!(matches!(planes, CalibrateError::Swapped { .. }), "{planes}");
+}
+
+#[test]
+fn random_dots_are_no_target_and_what_is_too_bright_is_told() {
+    let random = Exposures::new(coarse_truth(), vec![Pose::Facing(300.0).scene(3)], 16).frames(1);
+    let error = calibrate_coarse(&random).map(|_| ()).expect_err("no grid");
+    assert!(matches!(error, CalibrateError::NoFrames(FrameFault::Sighting(SightingError::NoTarget { .. }))), "{error}");
+    let good = &coarse_frames()[3];
+    let bright = |page: &Vec<u16>| page.iter().map(|code| (4 * code).min(good.code_max())).collect();
+    let error = calibrate_coarse(&[of_pages(good, good.pages().iter().map(bright).collect())]).map(|_| ());
+    let error = error.expect_err("saturated");
+    assert!(
+        matches!(error, CalibrateError::NoFrames(FrameFault::Sighting(SightingError::Saturated { .. }))),
+        "{error}"
+    );
 }
 
 #[test]
@@ -282,5 +384,10 @@ fn blurred(frame: &Frame, reach: usize) -> Frame {
             .map(|(row, column)| at(row, column))
             .collect()
     };
-    Frame::new(width, height, frame.code_max(), frame.pages().iter().map(page).collect()).expect("a frame")
+    of_pages(frame, frame.pages().iter().map(page).collect())
+}
+
+/// A frame like another one.
+fn of_pages(frame: &Frame, pages: Vec<Vec<u16>>) -> Frame {
+    Frame::new(frame.width_px(), frame.height_px(), frame.code_max(), pages).expect("a frame")
 }

@@ -85,11 +85,29 @@ fn circle(content: &mut Content, Disc { centre_mm: [x, y], radius_mm }: &Disc) {
     content.close_path().fill_nonzero();
 }
 
-/// Text in the encoding of the font; a letter that it does not have is a question mark.
+/// Text in the encoding of the font; what that does not have is written with what it has, or as a question mark.
 fn win_ansi(text: &str) -> Vec<u8> {
+    text.chars().flat_map(encoded).collect()
+}
+
+fn encoded(letter: char) -> Vec<u8> {
     let has = |code: &u8| matches!(code, 0x20..=0x7e | 0xa0..);
-    let code = |letter: char| u8::try_from(letter).ok().filter(has).unwrap_or(b'?');
-    text.chars().map(code).collect()
+    match letter {
+        '≥' => b">=".into(),
+        '≤' => b"<=".into(),
+        '≈' => b"~".into(),
+        '−' | '‐' => b"-".into(),
+        'μ' => vec![0xb5],
+        '€' => vec![0x80],
+        '…' => vec![0x85],
+        '‘' => vec![0x91],
+        '’' | '′' => vec![0x92],
+        '“' => vec![0x93],
+        '”' | '″' => vec![0x94],
+        '–' => vec![0x96],
+        '—' => vec![0x97],
+        _ => vec![u8::try_from(letter).ok().filter(has).unwrap_or(b'?')],
+    }
 }
 
 #[cfg(test)]
@@ -133,8 +151,9 @@ mod tests {
     }
 
     #[test]
-    fn what_the_font_lacks_is_a_question_mark() {
+    fn what_the_font_lacks_is_written_otherwise_or_a_question_mark() {
         assert_eq!(win_ansi("4 × 3 ½ ∞ é"), b"4 \xd7 3 \xbd ? \xe9");
+        assert_eq!(win_ansi("r ≥ −2 µm – “a”"), b"r >= -2 \xb5m \x96 \x93a\x94");
         let printout = Printout::new(&target("(a)"), Ink::LightOnDark, None);
         let text = String::from_utf8_lossy(&drawing(&printout)).into_owned();
         assert!(text.contains("\\(a\\)") || text.contains("((a))"), "{text}");
