@@ -240,11 +240,9 @@ fn a_frame_unlike_the_others_is_left_out_and_why() {
 
 #[test]
 fn frames_that_are_all_blurred_are_refused_for_that() {
-    for reach in [2, 4] {
-        let all: Vec<Frame> = [0, 3, 5].iter().map(|k| blurred(&coarse_frames()[*k], reach)).collect();
-        let error = calibrate_coarse(&all).map(|_| ()).expect_err("they are blurred");
-        assert!(matches!(error, CalibrateError::AllBlurred { .. }), "{error}");
-    }
+    let all: Vec<Frame> = coarse_frames().iter().map(|frame| blurred(frame, 2)).collect();
+    let error = calibrate_coarse(&all).map(|_| ()).expect_err("they are blurred");
+    assert!(matches!(error, CalibrateError::AllBlurred { .. }), "{error}");
     let error = calibrate_coarse(&[blurred(&coarse_frames()[3], 2)]).map(|_| ()).expect_err("it is blurred");
     assert!(matches!(error, CalibrateError::NoFrames(FrameFault::Blurred { .. })), "{error}");
 }

@@ -327,6 +327,7 @@ pub(super) mod tests {
                 held_out: None,
             }),
             unrest_sigmas: 0.0,
+            contradictions: Vec::new(),
             advice: vec!["no pose is tilted".to_owned(), "sensor.tilt_deg[0] is not determined".to_owned()],
             instrument,
         }
