@@ -12,6 +12,7 @@ pub mod fit;
 pub mod instrument;
 pub mod optics;
 pub mod options;
+pub mod parts;
 pub mod reconstruct;
 pub mod reproduce;
 pub mod scene;

@@ -112,15 +112,23 @@ impl Pieces {
         }
         let path = piece.path.display();
         let (Value::Object(own), Value::Object(other)) = (own, other) else { bail!("{path}: a piece of another run") };
-        match own.iter().find(|(key, value)| other.get(*key) != Some(value)) {
+        let Some((key, value)) = own.iter().find(|(key, value)| other.get(*key) != Some(value)) else {
+            bail!("{path}: a piece of another run")
+        };
+        match (number(value), other.get(key).and_then(number)) {
             // Numbers are told, texts are too long.
-            Some((key, Value::Number(number))) => {
-                let found = other.get(key).unwrap_or(&Value::Null);
-                bail!("{path}: a piece of another run: its {key} is {found}, not {number}")
-            }
-            Some((key, _)) => bail!("{path}: a piece of another run: its {key} is another"),
-            None => bail!("{path}: a piece of another run"),
+            (Some(value), Some(found)) => bail!("{path}: a piece of another run: its {key} is {found}, not {value}"),
+            _ => bail!("{path}: a piece of another run: its {key} is another"),
         }
+    }
+}
+
+/// A number, as such or as text.
+fn number(value: &Value) -> Option<String> {
+    match value {
+        Value::Number(number) => Some(number.to_string()),
+        Value::String(text) => Some(text.clone()).filter(|text| text.parse::<f64>().is_ok()),
+        _ => None,
     }
 }
 
@@ -199,7 +207,10 @@ mod tests {
         assert_eq!(said(&own, read[..1].to_vec()), "the piece with rows 4 to 9 of 10 is missing");
         assert!(said(&own, vec![read[0].clone(), read[0].clone()]).contains("rows from 0 on are in "));
         assert!(said(&pieces(2, "a"), read.clone()).ends_with("another run: its seed is 1, not 2"));
-        assert!(said(&pieces(1, "b"), read).ends_with("another run: its text is another"));
+        assert!(said(&pieces(1, "b"), read.clone()).ends_with("another run: its text is another"));
+        assert!(said(&pieces(1, "1.5"), read).ends_with("another run: its text is another"));
+        let text = |text: &str| number(&Value::String(text.to_owned()));
+        assert_eq!((text("1.5").as_deref(), text("a")), (Some("1.5"), None));
         let refused = pieces(2, "a").load(folder.path(), &(0..4)).unwrap_err().to_string();
         assert!(refused.ends_with("its seed is 1, not 2; legal: another folder, or none of the files of that run"));
 

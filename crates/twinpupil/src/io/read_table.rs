@@ -85,11 +85,13 @@ impl ReadTable {
 
     /// A column of numbers where an empty field is unknown and reads NaN; `None` where there is no such column.
     pub fn optional_real(&self, name: &str) -> Result<Option<Vec<f64>>> {
-        if !self.has(name) {
-            return Ok(None);
-        }
+        if self.has(name) { self.real(name).map(Some) } else { Ok(None) }
+    }
+
+    /// A column of numbers that must be there; an empty field is unknown and reads NaN.
+    pub fn real(&self, name: &str) -> Result<Vec<f64>> {
         let parse = |text: &str| if text.is_empty() { Some(f64::NAN) } else { text.parse().ok() };
-        self.parsed(name, "a number or empty", parse).map(Some)
+        self.parsed(name, "a number or empty", parse)
     }
 
     /// A column of whole numbers that must be there.

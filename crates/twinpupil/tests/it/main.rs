@@ -5,6 +5,7 @@ mod axis;
 mod bad_input;
 mod carriers;
 mod commands;
+mod design;
 mod experiments;
 mod golden;
 mod program;

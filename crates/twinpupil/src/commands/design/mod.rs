@@ -1,6 +1,7 @@
 //! `twinpupil design`: a lens made into a camera with two pupils.
 
 mod page;
+mod rows;
 mod text;
 mod tolerance;
 
@@ -9,15 +10,18 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
 use serde::Serialize;
-use twinpupil_instrument::{DepthRange, Instrument, MaskPlace, PrescriptionLens};
+use twinpupil_instrument::{Instrument, PrescriptionLens};
 
 use super::destination::pretty;
 use super::options::{distance_mm, extent_mm, number, size_mm};
+use super::parts::{self, Run as _};
 use crate::console::Console;
-use crate::design::{Check, Choice, Design, Light, Wishes, best, check, choices, design, sweep};
+use crate::design::{Check, Choice, Design, Light, Pairs, PairsSpec, best, check};
+use crate::exact::Exact;
 use crate::io::folder::FolderOutputs;
 use crate::io::lens::read_with_glasses;
 use crate::io::output;
+use crate::io::shard::Shard;
 use crate::load::{LoadedInstrument, is_instrument};
 
 /// `twinpupil design …`.
@@ -28,6 +32,19 @@ pub struct Args {
     command: Option<Command>,
     #[command(flatten)]
     camera: Option<CameraArgs>,
+    /// Try only every n-th pair of radii, from the i-th on, so that n machines share the work; put the parts together with
+    /// --merge
+    #[arg(long, value_name = "I/N")]
+    shard: Option<Shard>,
+    /// Put the pieces of a sweep together: files, or folders that hold them
+    #[arg(long, value_name = "FILE", num_args = 1.., conflicts_with_all = ["CameraArgs", "shard"])]
+    merge: Vec<PathBuf>,
+    /// Folder for the instrument, the report and the series behind it; pieces of a shard go into `pieces` there
+    #[arg(short, long, value_name = "FOLDER", default_value = "twinpupil-design")]
+    output: PathBuf,
+    /// Print the result as JSON
+    #[arg(long)]
+    json: bool,
 }
 
 /// `twinpupil design tolerance …`.
@@ -42,6 +59,7 @@ enum Command {
 #[command(allow_negative_numbers = true)]
 struct CameraArgs {
     /// Lens: a `.zmx` file, or a prescription in TOML
+    #[arg(required = false, required_unless_present = "merge")]
     lens: PathBuf,
     /// AGF catalogue with glasses of the lens; may be given several times
     #[arg(long, value_name = "FILE")]
@@ -53,7 +71,7 @@ struct CameraArgs {
     #[arg(long, value_name = "FILE", default_value = "paper")]
     like: PathBuf,
     /// Distance in front of the front principal plane that is to be in focus, mm
-    #[arg(long, value_name = "MM", value_parser = distance_mm())]
+    #[arg(long, value_name = "MM", value_parser = distance_mm(), required = false, required_unless_present = "merge")]
     distance_mm: f64,
     /// Nearest distance of objects, mm; 0.85 of the distance if left out
     #[arg(long, value_name = "MM", value_parser = distance_mm())]
@@ -85,12 +103,6 @@ struct CameraArgs {
     /// Radii of the telecentric and the entocentric mask, mm, instead of the most precise ones
     #[arg(long, value_name = "MM", value_parser = size_mm(), num_args = 2)]
     radii_mm: Option<Vec<f64>>,
-    /// Folder for the instrument, the report and the series behind it
-    #[arg(short, long, value_name = "FOLDER", default_value = "twinpupil-design")]
-    output: PathBuf,
-    /// Print the result as JSON
-    #[arg(long)]
-    json: bool,
 }
 
 /// Everything that is shown.
@@ -105,18 +117,17 @@ struct Designed {
 
 /// Runs `twinpupil design`.
 pub fn run(args: &Args, console: &Console) -> Result<()> {
-    match args {
-        Args { command: Some(Command::Tolerance(args)), .. } => tolerance::run(args, console),
-        Args { camera: Some(args), .. } => run_camera(args, console),
-        // The command line asks for one of them.
-        Args { .. } => bail!("no lens is given"),
+    match &args.command {
+        Some(Command::Tolerance(args)) => tolerance::run(args, console),
+        None => run_camera(args, console),
     }
 }
 
-fn run_camera(args: &CameraArgs, console: &Console) -> Result<()> {
+fn run_camera(args: &Args, console: &Console) -> Result<()> {
     let start = Instant::now();
     let mut files = FolderOutputs::new(&args.output)?;
-    let designed = designed(args, console)?;
+    let Some((spec, pairs, choices)) = swept(args, console)? else { return Ok(()) };
+    let designed = designed(&spec.name, pairs, choices)?;
     files.add("instrument.toml", designed.instrument.to_toml().into_bytes());
     files.add("sweep.csv", text::series(&designed.choices).into_bytes());
     files.add("report.html", page::page(&designed)?.into_html().into_bytes());
@@ -128,22 +139,38 @@ fn run_camera(args: &CameraArgs, console: &Console) -> Result<()> {
     output::write_stdout(text.as_bytes())
 }
 
-fn designed(args: &CameraArgs, console: &Console) -> Result<Designed> {
-    let design = design(wishes(args, console)?).with_context(|| args.lens.display().to_string())?;
-    let light = Light { diameter_mm: args.diameter_mm, brightness_e: args.brightness_e };
-    let radii_mm = match args.radii_mm.as_deref() {
-        Some([telecentric, entocentric]) => vec![[*telecentric, *entocentric]],
-        _ => choices(&design)?,
+/// The whole sweep, unless it is a shard and others are still missing.
+fn swept(args: &Args, console: &Console) -> Result<Option<(PairsSpec, Pairs, Vec<Choice>)>> {
+    if !args.merge.is_empty() {
+        return parts::merged(&args.merge).map(Some);
+    }
+    // The command line asks for one of them.
+    let camera = args.camera.as_ref().context("no lens is given")?;
+    let spec = spec(camera, console)?;
+    let pairs = spec.pairs().with_context(|| camera.lens.display().to_string())?;
+    let choices = match args.shard {
+        Some(shard) => parts::shared(&spec, &pairs, shard, &args.output, console)?,
+        None => Some(all(&pairs, console)?),
     };
-    let bar = console.progress(radii_mm.len() as u64, "pupils");
-    let swept = radii_mm.into_iter().map(|radii_mm| {
+    Ok(choices.map(|choices| (spec, pairs, choices)))
+}
+
+/// Tries all pairs, without leaving pieces.
+fn all(pairs: &Pairs, console: &Console) -> Result<Vec<Choice>> {
+    let bar = console.progress(pairs.radii_mm.len() as u64, Pairs::COUNTED);
+    let swept = (0..pairs.radii_mm.len()).map(|number| {
         bar.inc(1);
-        sweep(&design, radii_mm, &light, args.blind_mm)
+        pairs.choice(number)
     });
     let choices = swept.collect::<Result<Vec<_>>>()?;
     bar.finish_and_clear();
+    Ok(choices)
+}
+
+fn designed(name: &str, pairs: Pairs, choices: Vec<Choice>) -> Result<Designed> {
+    let Pairs { design, light, .. } = pairs;
     let chosen = best(&choices).context("no dot is wholly on the sensor over the depth range")?;
-    let instrument = design.instrument(&name(args), chosen.radii_mm)?;
+    let instrument = design.instrument(name, chosen.radii_mm)?;
     let check = check(&instrument, &light, chosen.electrons)?;
     Ok(Designed { design, instrument, choices, chosen, check, light })
 }
@@ -153,7 +180,8 @@ fn name(args: &CameraArgs) -> String {
     args.lens.file_stem().map_or("camera".to_owned(), |stem| stem.to_string_lossy().into_owned())
 }
 
-fn wishes(args: &CameraArgs, console: &Console) -> Result<Wishes> {
+/// What makes this sweep the same sweep.
+fn spec(args: &CameraArgs, console: &Console) -> Result<PairsSpec> {
     if is_instrument(&args.lens)? {
         bail!("{}: an instrument file, not a lens; it is designed already", args.lens.display());
     }
@@ -164,22 +192,28 @@ fn wishes(args: &CameraArgs, console: &Console) -> Result<Wishes> {
         prescription: Some(prescription),
         ..PrescriptionLens::default()
     };
-    let depth_range = DepthRange {
-        near_mm: args.near_mm.unwrap_or(0.85 * args.distance_mm),
-        far_mm: args.far_mm.unwrap_or(1.18 * args.distance_mm),
-    };
-    if !(depth_range.near_mm < args.distance_mm && args.distance_mm < depth_range.far_mm) {
+    let near_mm = args.near_mm.unwrap_or(0.85 * args.distance_mm);
+    let far_mm = args.far_mm.unwrap_or(1.18 * args.distance_mm);
+    if !(near_mm < args.distance_mm && args.distance_mm < far_mm) {
         bail!("--distance-mm is {}; legal: between --near-mm and --far-mm", args.distance_mm);
     }
-    let entocentric = args.surface.zip(args.position_mm).map(|(surface, behind_mm)| MaskPlace { surface, behind_mm });
-    Ok(Wishes {
-        lens,
-        like: LoadedInstrument::load(&args.like, console)?.instrument,
-        distance_mm: args.distance_mm,
-        depth_range,
-        mask_radius_mm: args.mask_radius_mm,
-        clearance_mm: args.clearance_mm,
-        entocentric,
+    let radii_mm = args.radii_mm.as_deref();
+    Ok(PairsSpec {
+        name: name(args),
+        lens: toml::to_string(&lens).with_context(|| args.lens.display().to_string())?,
+        like: LoadedInstrument::load(&args.like, console)?.instrument.to_toml(),
+        distance_mm: Exact(args.distance_mm),
+        near_mm: Exact(near_mm),
+        far_mm: Exact(far_mm),
+        diameter_mm: Exact(args.diameter_mm),
+        brightness_e: Exact(args.brightness_e),
+        blind_mm: Exact(args.blind_mm),
+        mask_radius_mm: Exact(args.mask_radius_mm),
+        clearance_mm: Exact(args.clearance_mm),
+        surface: args.surface,
+        position_mm: args.position_mm.map(Exact),
+        radii_mm: radii_mm.and_then(|pair| <[f64; 2]>::try_from(pair).ok()).map(|pair| pair.map(Exact)),
+        version: env!("CARGO_PKG_VERSION").to_owned(),
     })
 }
 

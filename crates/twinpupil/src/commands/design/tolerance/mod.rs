@@ -6,16 +6,15 @@ mod series;
 mod summary;
 mod text;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use anyhow::{Context, Result, bail};
-use rayon::prelude::*;
+use anyhow::{Context, Result};
 
 use super::super::destination::pretty;
+use super::super::parts;
 use crate::console::Console;
 use crate::design::tolerance::{GRADES, Outcome, Row, Run, RunSpec, Tolerances, grade};
 use crate::io::folder::FolderOutputs;
-use crate::io::pieces::{Piece, Pieces};
 use crate::io::shard::Shard;
 use crate::io::{input, output};
 use crate::load::LoadedInstrument;
@@ -53,12 +52,6 @@ pub(super) struct Args {
     json: bool,
 }
 
-/// Rows of a piece: some seconds of work.
-const PIECE: usize = 20;
-
-/// The folder of pieces beside the results.
-const FOLDER: &str = "pieces";
-
 /// Everything that is shown.
 struct Toleranced {
     name: String,
@@ -75,26 +68,17 @@ pub(super) fn run(args: &Args, console: &Console) -> Result<()> {
     }
     let files = FolderOutputs::new(&args.output)?;
     if !args.merge.is_empty() {
-        return merged(args, files, console);
+        let (spec, run, rows) = parts::merged(&args.merge)?;
+        return show(args, spec, run, rows, files, console);
     }
     let spec = spec(args, console)?;
     let run = spec
         .run()
         .with_context(|| args.instrument.as_ref().map_or(String::new(), |path| path.display().to_string()))?;
-    let pieces = Pieces::new(&spec, run.rows(), PIECE)?;
-    let shard = args.shard.unwrap_or(Shard::WHOLE);
-    let folder = args.output.join(FOLDER);
-    work(&run, &pieces, shard, &folder, console)?;
-    let ready = ready(&pieces, &folder)?;
-    if ready.len() < pieces.ranges().len() {
-        let (done, all) = (ready.len(), pieces.ranges().len());
-        console.note(format!(
-            "shard {shard} is done: {done} of {all} pieces are in {}; --merge puts all together",
-            folder.display()
-        ));
-        return Ok(());
+    match parts::shared(&spec, &run, args.shard.unwrap_or(Shard::WHOLE), &args.output, console)? {
+        Some(rows) => show(args, spec, run, rows, files, console),
+        None => Ok(()),
     }
-    show(args, spec, run, pieces.joined(ready)?, files, console)
 }
 
 /// What makes this run the same run.
@@ -113,86 +97,15 @@ fn spec(args: &Args, console: &Console) -> Result<RunSpec> {
     })
 }
 
-/// Computes the pieces of a shard that are not there yet.
-fn work(run: &Run, pieces: &Pieces, shard: Shard, folder: &Path, console: &Console) -> Result<()> {
-    let mut open = Vec::new();
-    let mut done = 0;
-    for (number, rows) in pieces.ranges().into_iter().enumerate().filter(|(number, _)| shard.holds(*number)) {
-        match pieces.load(folder, &rows)? {
-            Some(_) => done += rows.len(),
-            None => open.push((number, rows)),
-        }
-    }
-    if done > 0 {
-        console.note(format!("{done} rows are in {} already", folder.display()));
-    }
-    if open.is_empty() {
-        return Ok(());
-    }
-    std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
-    let length = done + open.iter().map(|(_, rows)| rows.len()).sum::<usize>();
-    let bar = console.progress(length as u64, "cameras");
-    bar.inc(done as u64);
-    for (_, rows) in open {
-        let row = |row: usize| {
-            let computed = run.row(row);
-            bar.inc(1);
-            computed
-        };
-        let computed: Vec<Row> = rows.clone().into_par_iter().map(row).collect();
-        pieces.store(folder, &rows, &rows::table(run, rows.start, &computed))?;
-    }
-    bar.finish_and_clear();
-    Ok(())
-}
-
-/// The pieces of a run that are in a folder.
-fn ready(pieces: &Pieces, folder: &Path) -> Result<Vec<Piece>> {
-    let load = |rows: &std::ops::Range<usize>| pieces.load(folder, rows).transpose();
-    pieces.ranges().iter().filter_map(load).collect()
-}
-
-/// Puts pieces from anywhere together.
-fn merged(args: &Args, files: FolderOutputs, console: &Console) -> Result<()> {
-    let mut paths = Vec::new();
-    for path in &args.merge {
-        paths.extend(pieces_at(path)?);
-    }
-    let read = paths.iter().map(|path| Piece::read(path)).collect::<Result<Vec<_>>>()?;
-    let Some(first) = read.first() else { bail!("there is no piece to merge") };
-    let spec: RunSpec = first.run()?;
-    let run = spec.run().context("the run that the pieces are of")?;
-    let joined = Pieces::new(&spec, run.rows(), PIECE)?.joined(read)?;
-    show(args, spec, run, joined, files, console)
-}
-
-/// A file, or the pieces in a folder or in that of its pieces.
-fn pieces_at(path: &Path) -> Result<Vec<PathBuf>> {
-    if !path.is_dir() {
-        return Ok(vec![path.to_owned()]);
-    }
-    let inner = path.join(FOLDER);
-    let folder = if inner.is_dir() { inner } else { path.to_owned() };
-    let entries = std::fs::read_dir(&folder).with_context(|| folder.display().to_string())?;
-    let mut paths = entries.map(|entry| Ok(entry?.path())).collect::<Result<Vec<_>>>()?;
-    paths.retain(|path| path.extension().is_some_and(|extension| extension == "parquet"));
-    paths.sort();
-    if paths.is_empty() {
-        bail!("{}: there is no piece of a run in this folder", folder.display());
-    }
-    Ok(paths)
-}
-
 /// Writes and prints what a whole run tells.
 fn show(
     args: &Args,
     spec: RunSpec,
     run: Run,
-    tables: Vec<(std::ops::Range<usize>, crate::io::read_table::ReadTable)>,
+    rows: Vec<Row>,
     mut files: FolderOutputs,
     console: &Console,
 ) -> Result<()> {
-    let rows = tables.iter().map(|(_, table)| rows::rows(&run, table)).collect::<Result<Vec<_>>>()?.concat();
     let outcome = Outcome::of(&run, &rows);
     let toleranced = Toleranced { name: run.trial.drawing.instrument.name.clone(), spec, run, rows, outcome };
     series::add(&mut files, &toleranced)?;

@@ -2,7 +2,8 @@
 
 use anyhow::Result;
 
-use crate::design::tolerance::{Kind, Reading, Row, Run};
+use crate::commands::parts;
+use crate::design::tolerance::{Kind, Reading, Row, Run, RunSpec};
 use crate::io::read_table::ReadTable;
 use crate::io::table::{Cells, Table};
 
@@ -13,6 +14,33 @@ const ANY: usize = 6;
 
 /// What a row says where there was such a camera.
 const FINE: &str = "none";
+
+impl parts::Run for Run {
+    type Spec = RunSpec;
+    type Row = Row;
+    const PIECE: usize = 20;
+    const COUNTED: &'static str = "cameras";
+
+    fn of(spec: &RunSpec) -> Result<Self> {
+        spec.run()
+    }
+
+    fn rows(&self) -> usize {
+        Self::rows(self)
+    }
+
+    fn row(&self, number: usize) -> Result<Row> {
+        Ok(Self::row(self, number))
+    }
+
+    fn table(&self, first: usize, rows: &[Row]) -> Table {
+        table(self, first, rows)
+    }
+
+    fn read(&self, table: &ReadTable) -> Result<Vec<Row>> {
+        read(self, table)
+    }
+}
 
 /// Rows from number `first` on.
 pub(super) fn table(run: &Run, first: usize, rows: &[Row]) -> Table {
@@ -45,28 +73,19 @@ pub(super) fn table(run: &Run, first: usize, rows: &[Row]) -> Table {
 }
 
 /// The rows of a table.
-pub(super) fn rows(run: &Run, table: &ReadTable) -> Result<Vec<Row>> {
+fn read(run: &Run, table: &ReadTable) -> Result<Vec<Row>> {
     let sources = run.trial.drawing.sources.iter();
     let off = sources.map(|own| table.finite(&own.source.column())).collect::<Result<Vec<_>>>()?;
     let places = 0..run.trial.volume.places_mm.len();
-    let before = places.clone().map(|place| known(table, &before_column(place))).collect::<Result<Vec<_>>>()?;
-    let after = places.map(|place| known(table, &after_column(place))).collect::<Result<Vec<_>>>()?;
-    let (residual_px, faults) = (known(table, "residual_px")?, table.labels("fault")?);
+    let before = places.clone().map(|place| table.real(&before_column(place))).collect::<Result<Vec<_>>>()?;
+    let after = places.map(|place| table.real(&after_column(place))).collect::<Result<Vec<_>>>()?;
+    let (residual_px, faults) = (table.real("residual_px")?, table.labels("fault")?);
     let row = |(n, fault): (usize, String)| {
         let of = |columns: &[Vec<f64>]| columns.iter().map(|column| column[n]).collect();
         let reading = Reading { before_mm: of(&before), after_mm: of(&after), residual_px: residual_px[n] };
         Row { off: of(&off), reading: if fault == FINE { Ok(reading) } else { Err(fault) } }
     };
     Ok(faults.into_iter().enumerate().map(row).collect())
-}
-
-/// A column of numbers, NaN where one is unknown.
-fn known(table: &ReadTable, name: &str) -> Result<Vec<f64>> {
-    match table.optional_real(name)? {
-        Some(values) => Ok(values),
-        // Says which column is missing.
-        None => table.finite(name),
-    }
 }
 
 fn before_column(place: usize) -> String {
