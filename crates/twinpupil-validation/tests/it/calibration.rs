@@ -119,17 +119,18 @@ fn other_frames_then_give_the_depth_of_random_dots() {
 
 #[test]
 fn light_that_grows_across_the_target_leaves_depth_true() {
-    let sheet = data_sheet(Mosaic::Rgb);
-    let truth = off_data_sheet(&sheet, false);
+    const RAYS: usize = 64;
+    let sheet = coarse(&data_sheet(Mosaic::Rgb));
+    let truth = coarse_truth();
     let uneven = |pose: &TargetPose| {
         let mut spec = target_scene(&target(), pose).spec().clone();
         spec.illumination = Some(Illumination { growth_per_mm: [0.04, 0.02] });
         Scene::new(spec).expect("a legal scene")
     };
-    let frames = Exposures::new(truth.clone(), POSES.iter().map(uneven).collect(), PUPIL_SAMPLES).frames(1);
+    let frames = Exposures::new(truth.clone(), POSES.iter().map(uneven).collect(), RAYS).frames(1);
     let calibration = calibrate(&sheet, &target(), &frames, &Choices::default()).expect("a sound calibration");
     assert!(calibration.faults.is_empty(), "{:?}", calibration.faults);
-    let plates = Exposures::new(truth, vec![Pose::Facing(270.0).scene(3), Pose::Facing(330.0).scene(4)], PUPIL_SAMPLES);
+    let plates = Exposures::new(truth, vec![Pose::Facing(270.0).scene(3), Pose::Facing(330.0).scene(4)], RAYS);
     let (errors, _) = plates.depth_errors(&calibrated(&calibration), 5);
     assert!(DepthError::rms_mm(&errors) < 0.02, "{}", DepthError::rms_mm(&errors));
 }
@@ -212,11 +213,12 @@ fn what_is_wrong_with_target_or_bands_is_told() {
 
 #[test]
 fn a_frame_unlike_the_others_is_left_out_and_why() {
-    const AT: usize = 3;
+    const AT: usize = 2;
+    let some = &coarse_frames()[1..6];
     let why = |bad: Frame| {
-        let mut all = coarse_frames().to_vec();
+        let mut all = some.to_vec();
         all[AT] = bad;
-        let calibration = calibrate_coarse(&all).expect("six frames");
+        let calibration = calibrate_coarse(&all).expect("four frames");
         let off =
             calibration.number("sensor.distance_mm").expect("it is sought").value - coarse_truth().sensor.distance_mm;
         assert!(off.abs() < 0.05 && calibration.reduced_chi2 < 2.0, "{off} {}", calibration.reduced_chi2);
@@ -225,11 +227,9 @@ fn a_frame_unlike_the_others_is_left_out_and_why() {
             faults => panic!("{faults:?}"),
         }
     };
-    let good = &coarse_frames()[AT];
-    for reach in [2, 5] {
-        let fault = why(blurred(good, reach));
-        assert!(matches!(fault, FrameFault::Blurred { .. }), "{reach} {fault:?}");
-    }
+    let good = &some[AT];
+    let fault = why(blurred(good, 2));
+    assert!(matches!(fault, FrameFault::Blurred { .. }), "{fault:?}");
     let exchanged = of_pages(good, good.pages().iter().rev().cloned().collect());
     assert_eq!(why(exchanged), FrameFault::Exchanged);
     let mirrored = |page: &Vec<u16>| page.chunks(good.width_px()).flat_map(|row| row.iter().rev().copied()).collect();
