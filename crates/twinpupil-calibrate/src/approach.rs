@@ -48,6 +48,9 @@ struct Attempt {
     adjusted: Adjusted,
 }
 
+/// Bands are the other way round if the cost of that is less than this share.
+const BETTER_EXCHANGED: f64 = 0.2;
+
 /// Steps of the unknowns, in their deviations, that put the focus of bands elsewhere; the first is none.
 fn focal_steps(unknowns: &[Unknown], frames: usize) -> Vec<Vec<f64>> {
     const STEP: f64 = 0.7;
@@ -399,7 +402,6 @@ impl Calibrator<'_> {
         Attempt { observations, adjusted, .. }: &Attempt,
     ) -> Result<(), CalibrateError> {
         const POOR_CHI2: f64 = 8.0;
-        const BETTER: f64 = 0.2;
         /// If that leads to a camera of the data sheet, and as they are they do not.
         const BETTER_ON_SHEET: f64 = 0.7;
         let is_on_sheet = |adjusted: &Adjusted| self.check_data_sheet(start, unknowns, adjusted, SIGMAS_MAX).is_ok();
@@ -415,7 +417,7 @@ impl Calibrator<'_> {
         let mut start = start.clone();
         start.adjusted.state.poses = poses;
         let Ok(other) = start.solved(unknowns, &swapped, WEIGHING) else { return Ok(()) };
-        let times = if !was_on_sheet && is_on_sheet(&other) { BETTER_ON_SHEET } else { BETTER };
+        let times = if !was_on_sheet && is_on_sheet(&other) { BETTER_ON_SHEET } else { BETTER_EXCHANGED };
         if other.cost < times * adjusted.cost {
             let [telecentric, entocentric] =
                 [telecentric, entocentric].map(|band| self.instrument.bands[band].name.clone());
@@ -444,7 +446,6 @@ impl Calibrator<'_> {
 
     /// Whether the camera explains the features of a frame far better with its bands the other way round.
     pub(crate) fn is_exchanged(&self, now: &Now, seen: &[Seen<'_>], place: usize) -> Result<bool, CalibrateError> {
-        const BETTER: f64 = 0.2;
         let [telecentric, entocentric] = self.pair();
         let Some(pose) = self.first_pose(&seen[place], [entocentric, telecentric]) else { return Ok(false) };
         let exchanged = self.exchanged(&self.rough_observations(now, seen, place));
@@ -452,7 +453,7 @@ impl Calibrator<'_> {
         let mut other = now.clone();
         other.adjusted.state.poses[place] = pose;
         let cost = |now: &Now, own: &[Observation]| Ok::<f64, CalibrateError>(now.solved(&[], own, WEIGHING)?.cost);
-        Ok(cost(&other, &exchanged)? < BETTER * cost(now, &as_it_is)?)
+        Ok(cost(&other, &exchanged)? < BETTER_EXCHANGED * cost(now, &as_it_is)?)
     }
 
     /// Refuses numbers that no camera of this data sheet has, adjusted from where `now` is.

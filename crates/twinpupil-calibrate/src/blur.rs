@@ -1,5 +1,7 @@
 //! Blur that no distance makes.
 
+use nalgebra::{Matrix3, Vector3};
+
 /// How wide the edges of a dot are by its distance, negative behind the focus, and how wide they are seen, px.
 pub(crate) type Edge = [f64; 2];
 
@@ -19,11 +21,11 @@ pub(crate) fn added_px(edges: &[Edge]) -> Option<f64> {
     let size_px = edges.iter().map(|[foreseen, _]| foreseen.abs()).fold(1.0, f64::max);
     let row = |foreseen_px: f64| {
         let x = foreseen_px / size_px;
-        nalgebra::Vector3::new(1.0, x, x * x)
+        Vector3::new(1.0, x, x * x)
     };
-    let mut parabola = nalgebra::Vector3::zeros();
+    let mut parabola = Vector3::zeros();
     for round in 0..ROUNDS {
-        let (mut information, mut score) = (nalgebra::Matrix3::zeros(), nalgebra::Vector3::zeros());
+        let (mut information, mut score) = (Matrix3::zeros(), Vector3::zeros());
         for [foreseen_px, seen_px] in edges {
             let row = row(*foreseen_px);
             let square_px2 = seen_px * seen_px;
