@@ -8,7 +8,6 @@ pub mod commands;
 pub mod console;
 pub mod design;
 pub mod drawing;
-pub mod exact;
 pub mod experiments;
 pub mod flow;
 pub mod heat_map;

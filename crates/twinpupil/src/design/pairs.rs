@@ -6,7 +6,6 @@ use twinpupil_instrument::check::parse_toml;
 use twinpupil_instrument::{DepthRange, Instrument, MaskPlace};
 
 use super::{Choice, Design, Light, Wishes, choices, design, sweep};
-use crate::exact::Exact;
 
 /// What makes a sweep the same sweep, in plain text.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -19,27 +18,27 @@ pub struct PairsSpec {
     /// The camera whose sensor and bands are kept, as its file has it.
     pub like: String,
     /// Distance that is to be in focus, mm.
-    pub distance_mm: Exact,
+    pub distance_mm: f64,
     /// Nearest distance of objects, mm.
-    pub near_mm: Exact,
+    pub near_mm: f64,
     /// Farthest distance of objects, mm.
-    pub far_mm: Exact,
+    pub far_mm: f64,
     /// Diameter of the dots that depth is judged by, mm.
-    pub diameter_mm: Exact,
+    pub diameter_mm: f64,
     /// As [`Light::brightness_e`].
-    pub brightness_e: Exact,
+    pub brightness_e: f64,
     /// Largest radius about the axis in which a band may see nothing, mm.
-    pub blind_mm: Exact,
+    pub blind_mm: f64,
     /// Radius within which masks keep clear of glass, mm.
-    pub mask_radius_mm: Exact,
+    pub mask_radius_mm: f64,
     /// How far masks keep from glass, mm.
-    pub clearance_mm: Exact,
+    pub clearance_mm: f64,
     /// Surface behind which the entocentric mask goes, if that is not left open.
     pub surface: Option<usize>,
     /// How far behind it, mm.
-    pub position_mm: Option<Exact>,
+    pub position_mm: Option<f64>,
     /// The only pair, mm, if radii are not left open.
-    pub radii_mm: Option<[Exact; 2]>,
+    pub radii_mm: Option<[f64; 2]>,
     /// The program that computes it: another one may come to other last digits.
     pub version: String,
 }
@@ -62,11 +61,11 @@ impl PairsSpec {
     pub fn pairs(&self) -> Result<Pairs> {
         let design = design(self.wishes()?)?;
         let radii_mm = match self.radii_mm {
-            Some(pair) => vec![pair.map(|radius| radius.0)],
+            Some(pair) => vec![pair],
             None => choices(&design)?,
         };
-        let light = Light { diameter_mm: self.diameter_mm.0, brightness_e: self.brightness_e.0 };
-        Ok(Pairs { design, light, radii_mm, blind_mm: self.blind_mm.0 })
+        let light = Light { diameter_mm: self.diameter_mm, brightness_e: self.brightness_e };
+        Ok(Pairs { design, light, radii_mm, blind_mm: self.blind_mm })
     }
 
     fn wishes(&self) -> Result<Wishes> {
@@ -74,11 +73,11 @@ impl PairsSpec {
         Ok(Wishes {
             lens: parse_toml(&self.lens).context("lens")?,
             like: Instrument::from_toml(&self.like)?,
-            distance_mm: self.distance_mm.0,
-            depth_range: DepthRange { near_mm: self.near_mm.0, far_mm: self.far_mm.0 },
-            mask_radius_mm: self.mask_radius_mm.0,
-            clearance_mm: self.clearance_mm.0,
-            entocentric: place.map(|(surface, behind_mm)| MaskPlace { surface, behind_mm: behind_mm.0 }),
+            distance_mm: self.distance_mm,
+            depth_range: DepthRange { near_mm: self.near_mm, far_mm: self.far_mm },
+            mask_radius_mm: self.mask_radius_mm,
+            clearance_mm: self.clearance_mm,
+            entocentric: place.map(|(surface, behind_mm)| MaskPlace { surface, behind_mm }),
         })
     }
 }

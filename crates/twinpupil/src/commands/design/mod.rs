@@ -17,7 +17,6 @@ use super::options::{distance_mm, extent_mm, number, size_mm};
 use super::parts::{self, Run as _};
 use crate::console::Console;
 use crate::design::{Check, Choice, Design, Light, Pairs, PairsSpec, best, check};
-use crate::exact::Exact;
 use crate::io::folder::FolderOutputs;
 use crate::io::lens::read_with_glasses;
 use crate::io::output;
@@ -202,17 +201,17 @@ fn spec(args: &CameraArgs, console: &Console) -> Result<PairsSpec> {
         name: name(args),
         lens: toml::to_string(&lens).with_context(|| args.lens.display().to_string())?,
         like: LoadedInstrument::load(&args.like, console)?.instrument.to_toml(),
-        distance_mm: Exact(args.distance_mm),
-        near_mm: Exact(near_mm),
-        far_mm: Exact(far_mm),
-        diameter_mm: Exact(args.diameter_mm),
-        brightness_e: Exact(args.brightness_e),
-        blind_mm: Exact(args.blind_mm),
-        mask_radius_mm: Exact(args.mask_radius_mm),
-        clearance_mm: Exact(args.clearance_mm),
+        distance_mm: args.distance_mm,
+        near_mm,
+        far_mm,
+        diameter_mm: args.diameter_mm,
+        brightness_e: args.brightness_e,
+        blind_mm: args.blind_mm,
+        mask_radius_mm: args.mask_radius_mm,
+        clearance_mm: args.clearance_mm,
         surface: args.surface,
-        position_mm: args.position_mm.map(Exact),
-        radii_mm: radii_mm.and_then(|pair| <[f64; 2]>::try_from(pair).ok()).map(|pair| pair.map(Exact)),
+        position_mm: args.position_mm,
+        radii_mm: radii_mm.and_then(|pair| <[f64; 2]>::try_from(pair).ok()),
         version: env!("CARGO_PKG_VERSION").to_owned(),
     })
 }
