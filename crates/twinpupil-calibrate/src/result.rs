@@ -424,6 +424,23 @@ fn rms_mm(errors: &[DepthError]) -> f64 {
     if errors.is_empty() { 0.0 } else { (chi2 / weights).sqrt() }
 }
 
+/// Information and score of a dot's place and diameter, from all bands that show it.
+fn dot_equations(problem: &Problem<'_>, now: &Now, own: &[&Observation]) -> (Matrix4<f64>, Vector4<f64>) {
+    let state = &now.adjusted.state;
+    let (mut information, mut score) = (Matrix4::zeros(), Vector4::zeros());
+    for observation in own {
+        let pose = &state.poses[observation.frame];
+        let (slots, view) = problem.look(observation.band, observation.dot, &now.cameras, state, pose);
+        let (image, gradient) = spot(&slots, &view);
+        let mut to_dot = Matrix4::zeros();
+        to_dot.fixed_columns_mut::<3>(0).copy_from(&gradient.fixed_columns::<3>(CAMERA_SLOTS + 3));
+        to_dot.set_column(3, &gradient.column(Slot::Diameter as usize));
+        information += to_dot.transpose() * observation.information * to_dot;
+        score += to_dot.transpose() * (observation.score - observation.information * (image - observation.anchor));
+    }
+    (information, score)
+}
+
 /// How far every dot that the pair of bands shows seems before or behind the target, mm, if its place and diameter are
 /// unknown.
 fn depth_errors(now: &Now, observations: &[Observation]) -> Vec<DepthError> {
@@ -437,17 +454,7 @@ fn depth_errors(now: &Now, observations: &[Observation]) -> Vec<DepthError> {
         if !bands.iter().all(|band| own.iter().any(|observation| observation.band == *band)) {
             continue;
         }
-        let (mut information, mut score) = (Matrix4::zeros(), Vector4::zeros());
-        for observation in own {
-            let pose = &state.poses[observation.frame];
-            let (slots, view) = problem.look(observation.band, observation.dot, &now.cameras, state, pose);
-            let (image, gradient) = spot(&slots, &view);
-            let mut to_dot = Matrix4::zeros();
-            to_dot.fixed_columns_mut::<3>(0).copy_from(&gradient.fixed_columns::<3>(CAMERA_SLOTS + 3));
-            to_dot.set_column(3, &gradient.column(Slot::Diameter as usize));
-            information += to_dot.transpose() * observation.information * to_dot;
-            score += to_dot.transpose() * (observation.score - observation.information * (image - observation.anchor));
-        }
+        let (information, score) = dot_equations(&problem, now, own);
         if let Some(factor) = information.cholesky() {
             errors.push(DepthError { z_mm: factor.solve(&score).z, std_mm: factor.inverse()[(2, 2)].sqrt() });
         }
