@@ -306,7 +306,10 @@ impl Scout {
         let centre = whole.unwrap_or(above_half);
         let step = step as u32;
         let (columns, rows) = (light_columns as u32, (light.rows() as u32).div_ceil(step));
-        let on_edge = |run: &Run| run.row == 0 || run.first == 0 || run.row + 1 == rows || run.end == columns;
+        // Behind the last row that was looked at may lie some that were not.
+        let is_above = |column: u32| light.at(column as usize, light.rows() - 1) > piece.level;
+        let is_cut_below = |run: &Run| run.row + 1 == rows && (run.first..run.end).any(is_above);
+        let on_edge = |run: &Run| run.row == 0 || run.first == 0 || run.end == columns || is_cut_below(run);
         let farthest2 = |run: &Run| {
             let side = (f64::from(run.first) - centre[0]).abs().max((f64::from(run.end) - 1.0 - centre[0]).abs());
             side * side + (f64::from(run.row * step) - centre[1]).powi(2)

@@ -52,6 +52,17 @@ fn some_rows_tell_nearly_as_much() {
 }
 
 #[test]
+fn the_border_cuts_what_reaches_the_last_row_of_the_plane() {
+    for step in 1..=6 {
+        for (radius, is_cut) in [(21.0, false), (22.5, false), (23.9, false), (26.0, true)] {
+            let blobs = find_on(step, &[(60.3, 94.8, radius, 100.0)]);
+            let [blob] = blobs[..] else { panic!("{step}, {radius}: {blobs:?}") };
+            assert_eq!(blob.touches_edge, is_cut, "{step}, {radius}: {blob:?}");
+        }
+    }
+}
+
+#[test]
 fn discs_whose_skirts_meet_are_told_apart() {
     for gap in [-4.0, 0.0, 2.0, 5.0] {
         let blobs = find(&[(50.0, 50.0, 20.0, 100.0), (90.0 + gap, 52.0, 20.0, 100.0)]);
