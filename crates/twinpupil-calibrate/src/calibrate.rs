@@ -9,6 +9,7 @@ use twinpupil_instrument::check::ValueError;
 use twinpupil_instrument::{Frame, Instrument, Role};
 use twinpupil_reconstruct::{Mode, Reconstructor};
 
+use crate::approach::FirstLook;
 use crate::compare::Comparison;
 use crate::correction::{Candidate, CorrectionChoice, CorrectionFinding, tried};
 use crate::known::Contradiction;
@@ -247,10 +248,11 @@ impl<'a> Calibrator<'a> {
         let unknowns = choices.unknowns(self.instrument)?;
         let reader = (self.reader)(self.instrument, Mode::Centroid).map_err(CalibrateError::Foreign)?;
         let (mut seen, mut faults) = self.find(&reader, frames)?;
+        let look = self.first_look(&reader, &unknowns, &mut seen, &mut faults)?;
         let followed = match seen.len() {
-            1 => self.followed_from_either(&reader, &unknowns, &seen)?,
+            1 => self.followed_from_either(&look, &reader, &unknowns, &seen)?,
             _ => {
-                let now = self.approach(&reader, &unknowns, &mut seen, &mut faults, 0)?;
+                let now = self.approach(&look, 0, &reader, &unknowns, &mut seen, &mut faults)?;
                 self.follow(now, &reader, &unknowns, &seen)?
             }
         };
@@ -280,6 +282,7 @@ impl<'a> Calibrator<'a> {
     /// tell the side of the focus.
     fn followed_from_either(
         &self,
+        look: &FirstLook,
         reader: &Reconstructor,
         unknowns: &[Unknown],
         seen: &[Seen<'a>],
@@ -288,7 +291,7 @@ impl<'a> Calibrator<'a> {
         const ENDS: usize = 2;
         let from = |rank: usize| {
             let (mut seen, mut faults) = (seen.to_vec(), Vec::new());
-            let now = self.approach(reader, unknowns, &mut seen, &mut faults, rank)?;
+            let now = self.approach(look, rank, reader, unknowns, &mut seen, &mut faults)?;
             let (now, comparison) = self.follow(now, reader, unknowns, &seen)?;
             self.check_data_sheet(&now, unknowns, &now.adjusted, SIGMAS_MAX)?;
             Ok((now, comparison))

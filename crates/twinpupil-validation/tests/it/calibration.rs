@@ -294,6 +294,23 @@ fn roles_that_the_masks_or_a_single_frame_contradict_are_told() {
 }
 
 #[test]
+fn a_mosaic_whose_bands_are_swapped_is_told_from_any_of_its_frames() {
+    const RAYS: usize = 64;
+    let sheet = coarse(&data_sheet(Mosaic::Rggb));
+    let truth = coarse(&off_data_sheet(&data_sheet(Mosaic::Rggb), false));
+    let poses = [POSES[0], POSES[1], POSES[3], POSES[5]];
+    let frames = Exposures::of_target(truth, &target(), &poses, RAYS).frames(1);
+    let swapped: Vec<Frame> = frames.iter().map(with_red_and_blue_exchanged).collect();
+    let refused = |frames: &[Frame]| {
+        let error =
+            calibrate(&sheet, &target(), frames, &Choices::default()).map(|_| ()).expect_err("they are swapped");
+        assert!(matches!(error, CalibrateError::Swapped { .. }), "{error}");
+    };
+    refused(&swapped);
+    swapped.iter().for_each(|frame| refused(std::slice::from_ref(frame)));
+}
+
+#[test]
 fn random_dots_are_no_target_and_what_is_too_bright_is_told() {
     let random = Exposures::new(coarse_truth(), vec![Pose::Facing(300.0).scene(3)], 16).frames(1);
     let error = calibrate_coarse(&random).map(|_| ()).expect_err("no grid");
@@ -381,6 +398,19 @@ fn blurred(frame: &Frame, reach: usize) -> Frame {
             .flat_map(|row| (0..width).map(move |column| (row, column)))
             .map(|(row, column)| at(row, column))
             .collect()
+    };
+    of_pages(frame, frame.pages().iter().map(page).collect())
+}
+
+/// A frame of a mosaic with what its red and blue pixels read exchanged in every 2 × 2 cell.
+fn with_red_and_blue_exchanged(frame: &Frame) -> Frame {
+    let width = frame.width_px();
+    let page = |codes: &Vec<u16>| {
+        let mut codes = codes.clone();
+        for red in (0..codes.len()).filter(|at| (at / width).is_multiple_of(2) && (at % width).is_multiple_of(2)) {
+            codes.swap(red, red + width + 1);
+        }
+        codes
     };
     of_pages(frame, frame.pages().iter().map(page).collect())
 }
