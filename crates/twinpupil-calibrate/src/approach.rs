@@ -49,6 +49,14 @@ struct Attempt {
 }
 
 impl Attempt {
+    /// The fault of frames all of which are blurred by so much.
+    fn blurred(&self, extra_px: f64) -> CalibrateError {
+        match self.start.adjusted.state.poses.as_slice() {
+            [pose] => CalibrateError::NoFrames(FrameFault::Blurred { extra_px, z_mm: pose.translation_mm.z }),
+            _ => CalibrateError::AllBlurred { extra_px },
+        }
+    }
+
     /// χ² of the typical feature: masks that cut some dots, or a few wrong ones, make the cost large.
     fn typical_chi2(&self, unknowns: &[Unknown]) -> f64 {
         self.start.problem(unknowns, &self.observations, WEIGHING).typical_chi2(&self.adjusted.state)
@@ -402,12 +410,15 @@ impl Calibrator<'_> {
         if seen.len() > 1 && !(0..seen.len()).all(is_shown_without) {
             return Ok(());
         }
-        match (seen, attempt.start.adjusted.state.poses.as_slice()) {
-            ([_], [pose]) => {
-                Err(CalibrateError::NoFrames(FrameFault::Blurred { extra_px, z_mm: pose.translation_mm.z }))
-            }
-            _ => Err(CalibrateError::AllBlurred { extra_px }),
-        }
+        Err(attempt.blurred(extra_px))
+    }
+
+    /// What is wrong with frames that lead to a camera which is not that of the data sheet: blur that no distance makes, if
+    /// they show that, or what is given.
+    pub(crate) fn blur_instead(&self, look: &FirstLook, error: CalibrateError) -> CalibrateError {
+        let (CalibrateError::OffDataSheet { .. }, Some(best)) = (&error, look.attempts.first()) else { return error };
+        let extra_px = self.added_blur_px(&best.start, &best.observations);
+        extra_px.map_or(error, |extra_px| best.blurred(extra_px))
     }
 
     /// Radius of a blur that no distance makes, which features show where they are sharpest in any band, px; `None` if they

@@ -110,8 +110,9 @@ fn suspicion(key: &str, pitch_mm: f64, likely_pitch_mm: f64) -> String {
         return "are the frames blurred, or were they taken through other masks?".to_owned();
     }
     if off > BESIDE {
+        let or_blurred = if off < FAR { "; or are the frames blurred?" } else { "" };
         return format!(
-            "is the target's pitch_mm = {pitch_mm} right? A pitch of {likely_pitch_mm:.4} would fit the data sheet"
+            "is the target's pitch_mm = {pitch_mm} right? A pitch of {likely_pitch_mm:.4} would fit the data sheet{or_blurred}"
         );
     }
     "were the frames taken by another camera, or are the bands' roles exchanged?".to_owned()
@@ -250,18 +251,19 @@ impl<'a> Calibrator<'a> {
         let (mut seen, mut faults) = self.find(&reader, frames)?;
         let look = self.first_look(&reader, &unknowns, &mut seen, &mut faults)?;
         let followed = match seen.len() {
-            1 => self.followed_from_either(&look, &reader, &unknowns, &seen)?,
-            _ => {
-                let now = self.approach(&look, 0, &reader, &unknowns, &mut seen, &mut faults)?;
-                self.follow(now, &reader, &unknowns, &seen)?
-            }
+            1 => self.followed_from_either(&look, &reader, &unknowns, &seen),
+            _ => self
+                .approach(&look, 0, &reader, &unknowns, &mut seen, &mut faults)
+                .and_then(|now| self.follow(now, &reader, &unknowns, &seen)),
         };
+        let followed = followed.map_err(|error| self.blur_instead(&look, error))?;
         let (now, comparison) = self.without_strangers(followed, &unknowns, &mut seen, &mut faults)?;
         let (fit, correction) = self.corrected(Fit::of(now, unknowns, comparison, seen.len())?, &seen)?;
         let contradictions = choices.contradictions(self.instrument, &fit.now, &fit.comparison.observations)?;
         // What a field that is not corrected does to the numbers may be too much.
         let named: Vec<Unknown> = fit.unknowns.iter().filter(|own| !own.quantity.is_coefficient()).cloned().collect();
-        self.check_data_sheet(&fit.now, &named, &fit.now.adjusted, SIGMAS_MAX)?;
+        let is_off_sheet = self.check_data_sheet(&fit.now, &named, &fit.now.adjusted, SIGMAS_MAX);
+        is_off_sheet.map_err(|error| self.blur_instead(&look, error))?;
         Calibration::conclude(Conclusion {
             instrument: self.instrument,
             target: self.target,
