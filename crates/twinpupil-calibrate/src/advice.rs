@@ -2,8 +2,9 @@
 
 use twinpupil_instrument::DepthRange;
 
+use crate::blur::{Edge, added_px};
 use crate::known::Contradiction;
-use crate::result::{Calibration, LeftOpen};
+use crate::result::{Calibration, LeftOpen, Residual};
 use crate::target::{Target, TargetDot};
 use crate::unknown::Quantity;
 
@@ -26,12 +27,16 @@ const TIED: f64 = 0.5;
 const OFF_STAGE_SIGMAS: f64 = 3.0;
 
 pub(crate) fn advice(calibration: &Calibration, target: &Target) -> Vec<String> {
-    let mut advice: Vec<String> =
-        [restless(calibration), unexplained(calibration), other_size(calibration), wrong_dots(calibration, target)]
-            .into_iter()
-            .flatten()
-            .chain(calibration.contradictions.iter().map(Contradiction::to_string))
-            .collect();
+    let mut advice: Vec<String> = [
+        restless(calibration),
+        unexplained(calibration),
+        other_size(calibration, target),
+        wrong_dots(calibration, target),
+    ]
+    .into_iter()
+    .flatten()
+    .chain(calibration.contradictions.iter().map(Contradiction::to_string))
+    .collect();
     let frames = &calibration.frames;
     if frames.len() < FRAMES_MIN {
         advice.push(format!("{} of the frames could be used: take at least {FRAMES_MIN}", frames.len()));
@@ -50,6 +55,7 @@ pub(crate) fn advice(calibration: &Calibration, target: &Target) -> Vec<String> 
             "no dot farther than {farthest:.0} mm, where the depth range ends at {far_mm:.0}: add a pose there"
         ));
     }
+    advice.extend(untold_blur(calibration));
     let tilt_deg = frames.iter().map(|frame| frame.pose.tilt_rad().to_degrees()).fold(0.0, f64::max);
     if tilt_deg < TILT_DEG_MIN {
         advice.push(format!("no pose is tilted by more than {tilt_deg:.0}°: tilt the target by 20° to 40° in some"));
@@ -124,18 +130,37 @@ fn unexplained(calibration: &Calibration) -> Option<String> {
     ))
 }
 
+/// Whether frames that are all blurred alike would look as if they were farther from the focus.
+fn untold_blur(calibration: &Calibration) -> Option<String> {
+    let is_untold = |band: usize| {
+        let own = calibration.residuals.iter().filter(|residual| residual.band == band);
+        let edges: Vec<Edge> =
+            own.map(|Residual { foreseen_px, off_px, .. }| [foreseen_px[3], foreseen_px[3] + off_px[3]]).collect();
+        added_px(&edges).is_none()
+    };
+    (0..calibration.instrument.bands.len()).all(is_untold).then(|| {
+        format!(
+            "whether the frames are blurred by motion or dirt cannot be told: that looks like another distance or another focus \
+             as long as no band shows dots on both sides of its focus; add a tilted pose at about {:.0} mm",
+            calibration.instrument.focus_distance_mm()
+        )
+    })
+}
+
 /// Whether dots seem larger beside their pitch than is stated, or smaller.
-fn other_size(calibration: &Calibration) -> Option<String> {
+fn other_size(calibration: &Calibration, target: &Target) -> Option<String> {
     const PERCENT: f64 = 0.5;
     const SIGMAS: f64 = 4.0;
     let number = calibration.numbers.iter().find(|number| number.quantity == Quantity::DotDiameter)?;
     let (off, percent) = (number.value - number.expected, 100.0 * (number.value / number.expected - 1.0));
     (percent.abs() > PERCENT && off.abs() > SIGMAS * number.std).then(|| {
         let way = if off > 0.0 { "larger" } else { "smaller" };
+        let (pitch_mm, diameter_mm) = (target.spec().pitch_mm, target.spec().dot_diameter_mm);
         format!(
-            "dots are {:.1} % {way} beside their pitch than the target file says: measure pitch_mm, of which all that is found is \
-             made, and dot_diameter_mm",
-            percent.abs()
+            "dots are {:.1} % {way} beside their pitch than the target file says: measure pitch_mm = {pitch_mm}, of which all that \
+             is found is made, and dot_diameter_mm; if dots of {diameter_mm} mm are right, the pitch is {:.4} mm",
+            percent.abs(),
+            pitch_mm / number.value
         )
     })
 }

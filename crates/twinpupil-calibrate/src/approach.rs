@@ -48,7 +48,30 @@ struct Attempt {
     adjusted: Adjusted,
 }
 
-/// Bands are the other way round if the cost of that is less than this share.
+impl Attempt {
+    /// The fault of frames all of which are blurred by so much.
+    fn blurred(&self, extra_px: f64) -> CalibrateError {
+        match self.start.adjusted.state.poses.as_slice() {
+            [pose] => CalibrateError::NoFrames(FrameFault::Blurred { extra_px, z_mm: pose.translation_mm.z }),
+            _ => CalibrateError::AllBlurred { extra_px },
+        }
+    }
+
+    /// χ² of the typical feature: masks that cut some dots, or a few wrong ones, make the cost large.
+    fn typical_chi2(&self, unknowns: &[Unknown]) -> f64 {
+        self.start.problem(unknowns, &self.observations, WEIGHING).typical_chi2(&self.adjusted.state)
+    }
+}
+
+/// What features lead to first.
+pub(crate) struct FirstLook {
+    /// The best first.
+    attempts: Vec<Attempt>,
+    /// What is wrong with the last of the frames that were asked, if something is with all.
+    fault: Option<FrameFault>,
+}
+
+/// Bands are the other way round if the typical χ² of that is less than this share.
 const BETTER_EXCHANGED: f64 = 0.2;
 
 /// Steps of the unknowns, in their deviations, that put the focus of bands elsewhere; the first is none.
@@ -68,19 +91,16 @@ fn focal_steps(unknowns: &[Unknown], frames: usize) -> Vec<Vec<f64>> {
 }
 
 impl Calibrator<'_> {
-    /// Poses and instrument as the features alone tell them, without frames that do not fit; of several that explain them with
-    /// dots on other sides of the focus, the best, or one of a lower rank.
-    pub(crate) fn approach(
+    /// What features lead to first; frames that stand nowhere are left out.
+    pub(crate) fn first_look(
         &self,
         reader: &Reconstructor,
         unknowns: &[Unknown],
         seen: &mut Vec<Seen<'_>>,
         faults: &mut Vec<Fault>,
-        rank: usize,
-    ) -> Result<Now, CalibrateError> {
+    ) -> Result<FirstLook, CalibrateError> {
         let mut poses = Vec::new();
-        let bands = self.pair();
-        seen.retain(|one| match self.first_pose(one, bands) {
+        seen.retain(|one| match self.first_pose(one) {
             Some(pose) => {
                 poses.push(pose);
                 true
@@ -94,7 +114,26 @@ impl Calibrator<'_> {
             return Err(CalibrateError::no_frames(faults));
         }
         let start = self.start(reader, unknowns, seen, poses);
-        let mut start = self.focused(&start, unknowns, seen, rank)?;
+        let asked: Vec<usize> = (0..seen.len()).filter(|place| is_leader(*place, seen.len())).collect();
+        // Blur of another origin would lead the focus astray.
+        let (sound, fault) = self.without_faults(&start, unknowns, seen, &asked)?;
+        let attempts = self.attempts(&start, unknowns, (seen, if sound.is_empty() { &asked } else { &sound }))?;
+        self.check_roles(&start, unknowns, (seen, &asked), attempts.first().ok_or(UNTRIED)?)?;
+        Ok(FirstLook { attempts, fault })
+    }
+
+    /// Poses and instrument as the features alone tell them from one of the attempts, by its rank, without frames that do not
+    /// fit.
+    pub(crate) fn approach(
+        &self,
+        look: &FirstLook,
+        rank: usize,
+        reader: &Reconstructor,
+        unknowns: &[Unknown],
+        seen: &mut Vec<Seen<'_>>,
+        faults: &mut Vec<Fault>,
+    ) -> Result<Now, CalibrateError> {
+        let mut start = self.focused(look, rank, unknowns, seen)?;
         loop {
             let all: Vec<usize> = (0..seen.len()).collect();
             let Attempt { start: before, observations, adjusted } =
@@ -107,7 +146,10 @@ impl Calibrator<'_> {
                 worst = self.worst_fault(&closer, (&observations, &all), CLOSE_BLUR);
                 now = closer;
             }
-            let Some((place, fault)) = worst else { return Ok(now) };
+            let Some((place, mut fault)) = worst else { return Ok(now) };
+            if matches!(fault, FrameFault::Unlike { .. }) && self.is_exchanged(&now, seen, place)? {
+                fault = FrameFault::Exchanged;
+            }
             faults.push((seen.remove(place).frame, fault));
             if seen.is_empty() {
                 return Err(CalibrateError::no_frames(faults));
@@ -116,32 +158,37 @@ impl Calibrator<'_> {
         }
     }
 
-    /// The instrument with its focus where some frames fit best, and the poses of all as it sees them: on which side of the
+    /// What some frames lead to from the data sheet and with the focus of bands elsewhere, the best first: on which side of the
     /// focus a dot is does not show in its blur, and by the data sheet it may be on the wrong one.
-    fn focused(
+    fn attempts(
         &self,
         start: &Now,
         unknowns: &[Unknown],
-        seen: &[Seen<'_>],
-        rank: usize,
-    ) -> Result<Now, CalibrateError> {
-        let asked: Vec<usize> = (0..seen.len()).filter(|place| is_leader(*place, seen.len())).collect();
-        // Blur of another origin would lead the focus astray.
-        let (sound, fault) = self.without_faults(start, unknowns, seen, &asked)?;
-        let asked = if sound.is_empty() { asked } else { sound };
+        frames: (&[Seen<'_>], &[usize]),
+    ) -> Result<Vec<Attempt>, CalibrateError> {
         let mut tried = Vec::new();
-        let mut attempts = vec![self.attempt(start.clone(), unknowns, (seen, &asked), &mut tried)?];
-        for steps in focal_steps(unknowns, seen.len()).iter().skip(1) {
+        let mut attempts = vec![self.attempt(start.clone(), unknowns, frames, &mut tried)?];
+        for steps in focal_steps(unknowns, frames.0.len()).iter().skip(1) {
             let Ok(elsewhere) = start.stepped(unknowns, steps) else { continue };
-            attempts.extend(self.attempt(elsewhere, unknowns, (seen, &asked), &mut tried));
+            attempts.extend(self.attempt(elsewhere, unknowns, frames, &mut tried));
         }
         attempts.sort_by(|a, b| a.adjusted.cost.total_cmp(&b.adjusted.cost));
-        let best = attempts.into_iter().nth(rank).ok_or(UNTRIED)?;
-        self.check_roles(start, unknowns, seen, &best)?;
-        self.check_sharpness(&best, seen)?;
+        Ok(attempts)
+    }
+
+    /// The instrument with its focus where an attempt puts it, if that is sound, and the poses of all frames as it sees them.
+    fn focused(
+        &self,
+        look: &FirstLook,
+        rank: usize,
+        unknowns: &[Unknown],
+        seen: &[Seen<'_>],
+    ) -> Result<Now, CalibrateError> {
+        let best = look.attempts.get(rank).ok_or(UNTRIED)?;
+        self.check_sharpness(best, seen)?;
         let is_off_sheet = self.check_data_sheet(&best.start, unknowns, &best.adjusted, SIGMAS_MAX);
-        is_off_sheet.map_err(|error| fault.map_or(error, CalibrateError::NoFrames))?;
-        let now = best.start.moved_to(unknowns, best.adjusted)?;
+        is_off_sheet.map_err(|error| look.fault.clone().map_or(error, CalibrateError::NoFrames))?;
+        let now = best.start.moved_to(unknowns, best.adjusted.clone())?;
         let all: Vec<usize> = (0..seen.len()).collect();
         now.adjusted_to(&[], &self.observations(&now, (seen, &all), |_| &ROUGH))
     }
@@ -250,8 +297,9 @@ impl Calibrator<'_> {
         [Role::Telecentric, Role::Entocentric].map(|role| self.instrument.band_index(role))
     }
 
-    /// The pose that the paper's equations give: x and y from the telecentric one of two bands, z from the ratio.
-    fn first_pose(&self, seen: &Seen<'_>, bands: [usize; 2]) -> Option<Pose> {
+    /// The pose that the paper's equations give: x and y from the telecentric band, z from the ratio.
+    fn first_pose(&self, seen: &Seen<'_>) -> Option<Pose> {
+        let bands = self.pair();
         let [telecentric, entocentric] = self.instrument.projections();
         let focus_mm = self.instrument.focus_distance_mm();
         let sight = |(dot, feature): (usize, &Feature)| {
@@ -362,12 +410,15 @@ impl Calibrator<'_> {
         if seen.len() > 1 && !(0..seen.len()).all(is_shown_without) {
             return Ok(());
         }
-        match (seen, attempt.start.adjusted.state.poses.as_slice()) {
-            ([_], [pose]) => {
-                Err(CalibrateError::NoFrames(FrameFault::Blurred { extra_px, z_mm: pose.translation_mm.z }))
-            }
-            _ => Err(CalibrateError::AllBlurred { extra_px }),
-        }
+        Err(attempt.blurred(extra_px))
+    }
+
+    /// What is wrong with frames that lead to a camera which is not that of the data sheet: blur that no distance makes, if
+    /// they show that, or what is given.
+    pub(crate) fn blur_instead(&self, look: &FirstLook, error: CalibrateError) -> CalibrateError {
+        let (CalibrateError::OffDataSheet { .. }, Some(best)) = (&error, look.attempts.first()) else { return error };
+        let extra_px = self.added_blur_px(&best.start, &best.observations);
+        extra_px.map_or(error, |extra_px| best.blurred(extra_px))
     }
 
     /// Radius of a blur that no distance makes, which features show where they are sharpest in any band, px; `None` if they
@@ -393,67 +444,56 @@ impl Calibrator<'_> {
         self.observations(now, (seen, &[place]), |_| &ROUGH)
     }
 
-    /// Refuses bands whose roles explain the frames far better the other way round.
+    /// Refuses bands whose roles explain the frames that were asked far better the other way round than the best attempt does.
     fn check_roles(
         &self,
         start: &Now,
         unknowns: &[Unknown],
-        seen: &[Seen<'_>],
-        Attempt { observations, adjusted, .. }: &Attempt,
+        (seen, asked): (&[Seen<'_>], &[usize]),
+        best: &Attempt,
     ) -> Result<(), CalibrateError> {
-        const POOR_CHI2: f64 = 8.0;
-        /// If that leads to a camera of the data sheet, and as they are they do not.
-        const BETTER_ON_SHEET: f64 = 0.7;
-        let is_on_sheet = |adjusted: &Adjusted| self.check_data_sheet(start, unknowns, adjusted, SIGMAS_MAX).is_ok();
-        let was_on_sheet = is_on_sheet(adjusted);
-        if adjusted.cost < POOR_CHI2 * observations.len() as f64 && was_on_sheet {
+        const POOR_CHI2: f64 = 3.0;
+        /// If that leads to a camera of the data sheet, and as they are they do not: a facing frame fits either way.
+        const BETTER_ON_SHEET: f64 = 1.0;
+        let is_on_sheet =
+            |attempt: &Attempt| self.check_data_sheet(&attempt.start, unknowns, &attempt.adjusted, SIGMAS_MAX).is_ok();
+        if best.typical_chi2(unknowns) < POOR_CHI2 && is_on_sheet(best) {
             return Ok(());
         }
-        let [telecentric, entocentric] = self.pair();
-        let poses: Option<Vec<Pose>> =
-            seen.iter().map(|one| self.first_pose(one, [entocentric, telecentric])).collect();
+        let exchanged = self.exchanged(seen);
+        let poses: Option<Vec<Pose>> = exchanged.iter().map(|one| self.first_pose(one)).collect();
         let Some(poses) = poses else { return Ok(()) };
-        let swapped = self.exchanged(observations);
-        let mut start = start.clone();
-        start.adjusted.state.poses = poses;
-        let Ok(other) = start.solved(unknowns, &swapped, WEIGHING) else { return Ok(()) };
-        let times = if !was_on_sheet && is_on_sheet(&other) { BETTER_ON_SHEET } else { BETTER_EXCHANGED };
-        if other.cost < times * adjusted.cost {
-            let [telecentric, entocentric] =
-                [telecentric, entocentric].map(|band| self.instrument.bands[band].name.clone());
+        let mut other = start.clone();
+        other.adjusted.state.poses = poses;
+        // Single frames may fit either way where all of them do not.
+        let best =
+            |start: &Now, seen: &[Seen<'_>]| self.attempts(start, unknowns, (seen, asked)).ok()?.into_iter().next();
+        let Some((as_it_is, exchanged)) = best(start, seen).zip(best(&other, &exchanged)) else { return Ok(()) };
+        let is_shown_by_sheet = !is_on_sheet(&as_it_is) && is_on_sheet(&exchanged);
+        let times = if is_shown_by_sheet { BETTER_ON_SHEET } else { BETTER_EXCHANGED };
+        if exchanged.typical_chi2(unknowns) < times * as_it_is.typical_chi2(unknowns) {
+            let [telecentric, entocentric] = self.pair().map(|band| self.instrument.bands[band].name.clone());
             return Err(CalibrateError::Swapped { telecentric, entocentric });
         }
         Ok(())
     }
 
-    /// What is observed if telecentric and entocentric were the other way round.
-    fn exchanged(&self, observations: &[Observation]) -> Vec<Observation> {
-        let [telecentric, entocentric] = self.pair();
-        let exchanged = |observation: &Observation| {
-            let band = match observation.band {
-                band if band == telecentric => entocentric,
-                band if band == entocentric => telecentric,
-                band => band,
-            };
-            // Blur tells nothing of masks that are others.
-            let mut information = observation.information;
-            information[(3, 3)] = 0.0;
-            let Observation { frame, dot, anchor, score, .. } = *observation;
-            Observation::new((frame, band, dot), anchor, score, information)
-        };
-        observations.iter().map(exchanged).collect()
+    /// Frames as they would be seen if telecentric and entocentric were the other way round.
+    fn exchanged<'a>(&self, seen: &[Seen<'a>]) -> Vec<Seen<'a>> {
+        seen.iter().map(|one| one.exchanged(self.pair())).collect()
     }
 
     /// Whether the camera explains the features of a frame far better with its bands the other way round.
     pub(crate) fn is_exchanged(&self, now: &Now, seen: &[Seen<'_>], place: usize) -> Result<bool, CalibrateError> {
-        let [telecentric, entocentric] = self.pair();
-        let Some(pose) = self.first_pose(&seen[place], [entocentric, telecentric]) else { return Ok(false) };
-        let exchanged = self.exchanged(&self.rough_observations(now, seen, place));
-        let as_it_is = self.exchanged(&exchanged);
+        let exchanged = self.exchanged(seen);
+        let Some(pose) = self.first_pose(&exchanged[place]) else { return Ok(false) };
         let mut other = now.clone();
         other.adjusted.state.poses[place] = pose;
-        let cost = |now: &Now, own: &[Observation]| Ok::<f64, CalibrateError>(now.solved(&[], own, WEIGHING)?.cost);
-        Ok(cost(&other, &exchanged)? < BETTER_EXCHANGED * cost(now, &as_it_is)?)
+        let typical_chi2 = |now: Now, seen: &[Seen<'_>]| {
+            let attempt = self.attempt(now, &[], (seen, &[place]), &mut Vec::new())?;
+            Ok::<f64, CalibrateError>(attempt.typical_chi2(&[]))
+        };
+        Ok(typical_chi2(other, &exchanged)? < BETTER_EXCHANGED * typical_chi2(now.clone(), seen)?)
     }
 
     /// Refuses numbers that no camera of this data sheet has, adjusted from where `now` is.

@@ -9,6 +9,7 @@ use twinpupil_instrument::check::ValueError;
 use twinpupil_instrument::{Frame, Instrument, Role};
 use twinpupil_reconstruct::{Mode, Reconstructor};
 
+use crate::approach::FirstLook;
 use crate::compare::Comparison;
 use crate::correction::{Candidate, CorrectionChoice, CorrectionFinding, tried};
 use crate::known::Contradiction;
@@ -109,8 +110,9 @@ fn suspicion(key: &str, pitch_mm: f64, likely_pitch_mm: f64) -> String {
         return "are the frames blurred, or were they taken through other masks?".to_owned();
     }
     if off > BESIDE {
+        let or_blurred = if off < FAR { "; or are the frames blurred?" } else { "" };
         return format!(
-            "is the target's pitch_mm = {pitch_mm} right? A pitch of {likely_pitch_mm:.4} would fit the data sheet"
+            "is the target's pitch_mm = {pitch_mm} right? A pitch of {likely_pitch_mm:.4} would fit the data sheet{or_blurred}"
         );
     }
     "were the frames taken by another camera, or are the bands' roles exchanged?".to_owned()
@@ -247,19 +249,21 @@ impl<'a> Calibrator<'a> {
         let unknowns = choices.unknowns(self.instrument)?;
         let reader = (self.reader)(self.instrument, Mode::Centroid).map_err(CalibrateError::Foreign)?;
         let (mut seen, mut faults) = self.find(&reader, frames)?;
+        let look = self.first_look(&reader, &unknowns, &mut seen, &mut faults)?;
         let followed = match seen.len() {
-            1 => self.followed_from_either(&reader, &unknowns, &seen)?,
-            _ => {
-                let now = self.approach(&reader, &unknowns, &mut seen, &mut faults, 0)?;
-                self.follow(now, &reader, &unknowns, &seen)?
-            }
+            1 => self.followed_from_either(&look, &reader, &unknowns, &seen),
+            _ => self
+                .approach(&look, 0, &reader, &unknowns, &mut seen, &mut faults)
+                .and_then(|now| self.follow(now, &reader, &unknowns, &seen)),
         };
+        let followed = followed.map_err(|error| self.blur_instead(&look, error))?;
         let (now, comparison) = self.without_strangers(followed, &unknowns, &mut seen, &mut faults)?;
         let (fit, correction) = self.corrected(Fit::of(now, unknowns, comparison, seen.len())?, &seen)?;
         let contradictions = choices.contradictions(self.instrument, &fit.now, &fit.comparison.observations)?;
         // What a field that is not corrected does to the numbers may be too much.
         let named: Vec<Unknown> = fit.unknowns.iter().filter(|own| !own.quantity.is_coefficient()).cloned().collect();
-        self.check_data_sheet(&fit.now, &named, &fit.now.adjusted, SIGMAS_MAX)?;
+        let is_off_sheet = self.check_data_sheet(&fit.now, &named, &fit.now.adjusted, SIGMAS_MAX);
+        is_off_sheet.map_err(|error| self.blur_instead(&look, error))?;
         Calibration::conclude(Conclusion {
             instrument: self.instrument,
             target: self.target,
@@ -280,6 +284,7 @@ impl<'a> Calibrator<'a> {
     /// tell the side of the focus.
     fn followed_from_either(
         &self,
+        look: &FirstLook,
         reader: &Reconstructor,
         unknowns: &[Unknown],
         seen: &[Seen<'a>],
@@ -288,7 +293,7 @@ impl<'a> Calibrator<'a> {
         const ENDS: usize = 2;
         let from = |rank: usize| {
             let (mut seen, mut faults) = (seen.to_vec(), Vec::new());
-            let now = self.approach(reader, unknowns, &mut seen, &mut faults, rank)?;
+            let now = self.approach(look, rank, reader, unknowns, &mut seen, &mut faults)?;
             let (now, comparison) = self.follow(now, reader, unknowns, &seen)?;
             self.check_data_sheet(&now, unknowns, &now.adjusted, SIGMAS_MAX)?;
             Ok((now, comparison))

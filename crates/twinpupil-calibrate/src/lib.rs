@@ -31,6 +31,7 @@ mod stage;
 mod stranger;
 mod target;
 mod unknown;
+mod unseen;
 
 pub use axis::{AxisError, AxisEstimate, AxisFinder};
 pub use calibrate::{CalibrateError, Calibrator, Fault, Foreign, FrameFault, Stage};

@@ -16,6 +16,7 @@ use crate::pose::Pose;
 use crate::seen::Seen;
 use crate::target::Target;
 use crate::unknown::{Quantity, Unknown};
+use crate::unseen::unseen_lines;
 
 /// An instrument as its frames tell it.
 #[derive(Debug, Clone)]
@@ -234,7 +235,8 @@ impl Calibration {
             contradictions: conclusion.contradictions,
             advice: Vec::new(),
         };
-        calibration.advice = advice(&calibration, target);
+        calibration.advice = unseen_lines(now, seen, target);
+        calibration.advice.extend(advice(&calibration, target));
         Ok(calibration)
     }
 

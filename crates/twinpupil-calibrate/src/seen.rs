@@ -51,6 +51,17 @@ impl<'a> Seen<'a> {
         Self { kept, ..self }
     }
 
+    /// With two of its bands the other way round.
+    pub(crate) fn exchanged(&self, [first, second]: [usize; 2]) -> Self {
+        let Self { frame, sighting, features, signs, .. } = self;
+        let (sighting, features, signs) = (sighting.clone(), features.clone(), signs.clone());
+        let mut other = Self { frame: *frame, kept: None, sighting, features, signs };
+        other.sighting.swap(first, second);
+        other.features.swap(first, second);
+        other.signs.swap(first, second);
+        other
+    }
+
     /// The dots that a band shows, with their features.
     pub(crate) fn dots(&self, band: usize) -> impl Iterator<Item = (usize, &Feature)> {
         self.sighting[band].iter().map(move |(dot, feature)| (*dot, &self.features[band][*feature]))

@@ -245,6 +245,56 @@ fn frames_that_are_all_blurred_are_refused_for_that() {
     assert!(matches!(error, CalibrateError::AllBlurred { .. }), "{error}");
     let error = calibrate_coarse(&[blurred(&coarse_frames()[3], 2)]).map(|_| ()).expect_err("it is blurred");
     assert!(matches!(error, CalibrateError::NoFrames(FrameFault::Blurred { .. })), "{error}");
+    let three = [&all[1], &all[3], &all[5]].map(|frame| blurred(frame, 1));
+    let error = calibrate_coarse(&three).map(|_| ()).expect_err("they are blurred");
+    assert!(matches!(error, CalibrateError::AllBlurred { .. }), "{error}");
+    // One that faces the camera looks as if it were farther from the focus.
+    let facing = calibrate_coarse(&all[..1]).expect("a frame");
+    assert!(facing.advice.iter().any(|advice| advice.contains("blurred by motion or dirt cannot be told")));
+}
+
+#[test]
+fn what_is_wrong_in_a_target_file_is_said_though_a_camera_fits() {
+    let frames = &coarse_frames()[1..4];
+    let of = |spec: TargetSpec| {
+        let target = Target::new(spec).expect("a legal target");
+        calibrate(&coarse(&data_sheet(Mosaic::Rgb)), &target, frames, &Choices::default())
+            .expect("within the data sheet")
+    };
+    let says = |calibration: &Calibration, what: &str| calibration.advice.iter().any(|advice| advice.contains(what));
+    let right = of(target().spec().clone());
+    assert!(!says(&right, "the target file says"), "{:?}", right.advice);
+    let more = of(TargetSpec { columns: 11, pitch_mm: 1.545, ..target().spec().clone() });
+    assert!(says(&more, "the target file says columns = 11, but no frame shows more than 9"), "{:?}", more.advice);
+    assert!(!says(&more, "the target file says rows"), "{:?}", more.advice);
+    assert!(says(&more, "the pitch is 1.500"), "{:?}", more.advice);
+}
+
+#[test]
+fn a_target_that_leaves_the_sensor_is_as_good() {
+    const RAYS: usize = 256;
+    let target = Target::new(TargetSpec { rows: 13, columns: 17, ..target().spec().clone() }).expect("a legal target");
+    let poses = [POSES[1], POSES[3], POSES[6]];
+    let frames = Exposures::of_target(coarse_truth(), &target, &poses, RAYS).frames(1);
+    let sheet = coarse(&data_sheet(Mosaic::Rgb));
+    let calibration = calibrate(&sheet, &target, &frames, &Choices::default()).expect("a sound calibration");
+    assert!(
+        calibration.faults.is_empty() && calibration.reduced_chi2 < 2.0,
+        "{:?} {}",
+        calibration.faults,
+        calibration.reduced_chi2
+    );
+    let spots = 2 * frames.len() * target.dots().len();
+    assert!(calibration.residuals.len() < spots * 2 / 3, "{} of {spots}", calibration.residuals.len());
+    assert!(!calibration.advice.iter().any(|advice| advice.contains("no frame shows")), "{:?}", calibration.advice);
+    for (_, number) in calibration.named() {
+        let Quantity::Instrument(parameter) = number.quantity else { continue };
+        let expected = parameter.value(&coarse_truth());
+        let is_radius = matches!(parameter, Parameter::ZoneRadius(..));
+        let std = number.std.hypot(if is_radius { RADIUS_ERROR_OF_RAYS * expected } else { 0.0 });
+        let off = number.value - expected;
+        assert!(off.abs() < 5.0 * std, "{} off by {off} ± {std}", number.key);
+    }
 }
 
 #[test]
@@ -291,6 +341,23 @@ fn roles_that_the_masks_or_a_single_frame_contradict_are_told() {
     std::mem::swap(&mut first[0].plane, &mut second[0].plane);
     let planes = of(planes);
     assert!(matches!(planes, CalibrateError::Swapped { .. }), "{planes}");
+}
+
+#[test]
+fn a_mosaic_whose_bands_are_swapped_is_told_from_any_of_its_frames() {
+    const RAYS: usize = 64;
+    let sheet = coarse(&data_sheet(Mosaic::Rggb));
+    let truth = coarse(&off_data_sheet(&data_sheet(Mosaic::Rggb), false));
+    let poses = [POSES[0], POSES[1], POSES[3], POSES[5]];
+    let frames = Exposures::of_target(truth, &target(), &poses, RAYS).frames(1);
+    let swapped: Vec<Frame> = frames.iter().map(with_red_and_blue_exchanged).collect();
+    let refused = |frames: &[Frame]| {
+        let error =
+            calibrate(&sheet, &target(), frames, &Choices::default()).map(|_| ()).expect_err("they are swapped");
+        assert!(matches!(error, CalibrateError::Swapped { .. }), "{error}");
+    };
+    refused(&swapped);
+    swapped.iter().for_each(|frame| refused(std::slice::from_ref(frame)));
 }
 
 #[test]
@@ -381,6 +448,19 @@ fn blurred(frame: &Frame, reach: usize) -> Frame {
             .flat_map(|row| (0..width).map(move |column| (row, column)))
             .map(|(row, column)| at(row, column))
             .collect()
+    };
+    of_pages(frame, frame.pages().iter().map(page).collect())
+}
+
+/// A frame of a mosaic with what its red and blue pixels read exchanged in every 2 × 2 cell.
+fn with_red_and_blue_exchanged(frame: &Frame) -> Frame {
+    let width = frame.width_px();
+    let page = |codes: &Vec<u16>| {
+        let mut codes = codes.clone();
+        for red in (0..codes.len()).filter(|at| (at / width).is_multiple_of(2) && (at % width).is_multiple_of(2)) {
+            codes.swap(red, red + width + 1);
+        }
+        codes
     };
     of_pages(frame, frame.pages().iter().map(page).collect())
 }
