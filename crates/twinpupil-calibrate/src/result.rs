@@ -447,7 +447,6 @@ fn dot_equations(problem: &Problem<'_>, now: &Now, own: &[&Observation]) -> (Mat
 /// unknown.
 fn depth_errors(now: &Now, observations: &[Observation]) -> Vec<DepthError> {
     let problem = now.problem(&[], observations, Weighing::BY_NOISE);
-    let state = &now.adjusted.state;
     let bands = [Role::Telecentric, Role::Entocentric].map(|role| now.instrument.band_index(role));
     let mut errors = Vec::new();
     let mut rest: Vec<&Observation> = observations.iter().collect();
