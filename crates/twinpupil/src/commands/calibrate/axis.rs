@@ -88,9 +88,10 @@ pub(super) fn run(args: &Args, console: &Console) -> Result<()> {
     outputs.add_or_print(None, text.into_bytes());
     outputs.commit()?;
     console.note(format!(
-        "from {} dots in {} frames, χ² {:.2} for each degree of freedom",
+        "from {} dots in {} frame{}, χ² {:.2} for each degree of freedom",
         summary.dots,
         frames.len(),
+        if frames.len() == 1 { "" } else { "s" },
         summary.reduced_chi2
     ));
     Ok(())

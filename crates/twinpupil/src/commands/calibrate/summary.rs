@@ -154,8 +154,9 @@ impl Summary {
             some => format!(" ({some} hardly count)"),
         };
         lines.push(format!(
-            "{} frames, {} spots{doubted}: {:.4} px rms, χ² {:.2} for each degree of freedom",
+            "{} frame{}, {} spots{doubted}: {:.4} px rms, χ² {:.2} for each degree of freedom",
             self.frames.len(),
+            if self.frames.len() == 1 { "" } else { "s" },
             self.spots,
             self.rms_px,
             self.reduced_chi2
