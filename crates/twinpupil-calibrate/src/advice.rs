@@ -3,6 +3,7 @@
 use twinpupil_instrument::DepthRange;
 
 use crate::blur::{Edge, added_px};
+use crate::digits::significant;
 use crate::known::Contradiction;
 use crate::result::{Calibration, LeftOpen, Residual};
 use crate::target::{Target, TargetDot};
@@ -78,7 +79,7 @@ pub(crate) fn advice(calibration: &Calibration, target: &Target) -> Vec<String> 
         advice.push(format!(
             "{} is not determined: {reason}; {stays} its tolerance of {}",
             number.key,
-            two_digits(number.tolerance)
+            significant(number.tolerance, 2)
         ));
     }
     let seen = calibration.residuals.iter().map(|residual| residual.dot);
@@ -107,12 +108,6 @@ fn restless(calibration: &Calibration) -> Option<String> {
              to be trusted; add frames in other poses"
         )
     })
-}
-
-/// A number above 0 with two digits that count.
-fn two_digits(value: f64) -> String {
-    let decimals = (1.0 - value.log10().floor()).clamp(0.0, 12.0);
-    format!("{value:.*}", decimals as usize)
 }
 
 /// Whether noise is far from all that is left.
@@ -226,16 +221,4 @@ fn cover(calibration: &Calibration) -> Option<String> {
         }
     }
     None
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn small_tolerances_are_told_too() {
-        for (value, text) in [(0.000_113_6, "0.00011"), (0.2, "0.20"), (2.0, "2.0"), (96.0, "96"), (150.0, "150")] {
-            assert_eq!(two_digits(value), text);
-        }
-    }
 }

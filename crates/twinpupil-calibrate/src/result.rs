@@ -426,7 +426,8 @@ fn rms_mm(errors: &[DepthError]) -> f64 {
     if errors.is_empty() { 0.0 } else { (chi2 / weights).sqrt() }
 }
 
-/// Information and score of a dot's place and diameter, from all bands that show it.
+/// Information and score of a dot's place and diameter, from all bands that show it. Apart from the loop over dots: within it, in
+/// a crate of one unit, the compiler gets the score wrong.
 fn dot_equations(problem: &Problem<'_>, now: &Now, own: &[&Observation]) -> (Matrix4<f64>, Vector4<f64>) {
     let state = &now.adjusted.state;
     let (mut information, mut score) = (Matrix4::zeros(), Vector4::zeros());

@@ -15,7 +15,7 @@ use super::destination::pretty;
 use super::options::PolarityOption;
 use crate::console::Console;
 use crate::io::features::{FrameRejections, rejected_table};
-use crate::io::files::FrameFiles;
+use crate::io::files::{self, FrameFiles};
 use crate::io::frame::FrameFormat;
 use crate::io::output::{self, Outputs};
 use crate::io::points::{self, FramePoints};
@@ -269,9 +269,9 @@ fn bands(loaded: &LoadedInstrument, frames: &[Done]) -> Vec<BandSummary> {
 fn lines(summary: &Summary) -> Vec<String> {
     let frames = summary.frames.len();
     let mut lines = vec![format!(
-        "{} points from {frames} frame{}, {} ambiguous; {}",
+        "{} points from {}, {} ambiguous; {}",
         summary.points,
-        if frames == 1 { "" } else { "s" },
+        files::frames(frames),
         summary.ambiguous,
         rejections(&summary.rejected),
     )];

@@ -12,6 +12,11 @@ use super::{input, page};
 /// What stands for the name of a band in a path.
 const BAND: &str = "{band}";
 
+/// So many frames, in words.
+pub fn frames(count: usize) -> String {
+    format!("{count} frame{}", if count == 1 { "" } else { "s" })
+}
+
 /// The files of one frame.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FrameFiles {

@@ -12,7 +12,7 @@ use super::super::destination::pretty;
 use super::super::options::PolarityOption;
 use super::reader;
 use crate::console::Console;
-use crate::io::files::FrameFiles;
+use crate::io::files::{self, FrameFiles};
 use crate::io::frame::FrameFormat;
 use crate::io::output::{self, Outputs};
 use crate::load::LoadedInstrument;
@@ -88,10 +88,9 @@ pub(super) fn run(args: &Args, console: &Console) -> Result<()> {
     outputs.add_or_print(None, text.into_bytes());
     outputs.commit()?;
     console.note(format!(
-        "from {} dots in {} frame{}, χ² {:.2} for each degree of freedom",
+        "from {} dots in {}, χ² {:.2} for each degree of freedom",
         summary.dots,
-        frames.len(),
-        if frames.len() == 1 { "" } else { "s" },
+        files::frames(frames.len()),
         summary.reduced_chi2
     ));
     Ok(())

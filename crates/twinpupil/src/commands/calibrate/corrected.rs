@@ -1,8 +1,6 @@
 //! What was found of a smooth correction, in words.
 
-use twinpupil_calibrate::CorrectionFinding;
-
-use super::measured::significant;
+use twinpupil_calibrate::{CorrectionFinding, significant};
 
 /// What was decided, in one sentence.
 pub(super) fn decision(finding: &CorrectionFinding) -> String {

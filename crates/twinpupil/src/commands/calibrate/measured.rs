@@ -1,5 +1,7 @@
 //! Numbers with their deviations, in as many digits as they have.
 
+use twinpupil_calibrate::significant;
+
 /// A value and its deviation, with two digits of the deviation.
 pub(super) fn measured(value: f64, std: f64) -> String {
     const PLAIN_FROM: f64 = 1e-4;
@@ -23,15 +25,6 @@ pub(super) fn stated(value: f64, tolerance: f64) -> String {
     // Without the dust of binary fractions.
     let clean = (1e9 * value).round() / 1e9 + 0.0;
     format!("{clean} ± {}", significant(tolerance, 2))
-}
-
-/// A number with so many digits, without zeros that follow from nothing.
-pub(super) fn significant(value: f64, digits: i32) -> String {
-    if value == 0.0 || !value.is_finite() {
-        return value.to_string();
-    }
-    let decimals = (digits - 1 - value.abs().log10().floor() as i32).clamp(0, 12) as usize;
-    format!("{value:.decimals$}")
 }
 
 /// As many decimals as show two digits of a deviation.
@@ -77,11 +70,5 @@ mod tests {
         assert_eq!(stated(959.5, 96.0), "959.5 ± 96");
         assert_eq!(stated(0.1 + 0.2, 0.005), "0.3 ± 0.0050");
         assert_eq!(stated(0.0, 1.139e-4), "0 ± 0.00011");
-    }
-
-    #[test]
-    fn digits_do_not_depend_on_the_size() {
-        assert_eq!([0.002_13, 1.234, 98.7, 1234.0].map(|value| significant(value, 2)), ["0.0021", "1.2", "99", "1234"]);
-        assert_eq!(significant(0.0, 2), "0");
     }
 }

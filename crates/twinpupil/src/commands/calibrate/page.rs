@@ -1,13 +1,13 @@
 //! The report as one page.
 
 use twinpupil_calibrate::{
-    Calibration, CorrectionFinding, CorrectionTrial, Fault, FrameResult, LeftOpen, Number, Target,
+    Calibration, CorrectionFinding, CorrectionTrial, Fault, FrameResult, LeftOpen, Number, Target, significant,
 };
 use twinpupil_instrument::Instrument;
 
 use super::corrected::decision;
 use super::correlations::{self, Pair};
-use super::measured::{measured, significant, stated};
+use super::measured::{measured, stated};
 use super::plots;
 use super::residuals::{PixelUnit, spots};
 use crate::report::{Column, Figure, Headline, Report};

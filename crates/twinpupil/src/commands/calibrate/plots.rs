@@ -1,10 +1,9 @@
 //! The drawings of a calibration.
 
-use twinpupil_calibrate::{Calibration, Residual, Target};
+use twinpupil_calibrate::{Calibration, Residual, Target, significant};
 use twinpupil_instrument::{Band, Instrument, Page, PixelPoint, Projection, Role};
 use twinpupil_reconstruct::{Options, Reconstructor};
 
-use super::measured::significant;
 use super::residuals::{PixelUnit, Spot, means, reach};
 use crate::heat_map::HeatMap;
 use crate::plot::{Chart, Colour, PlotPoint, Stroke};

@@ -7,7 +7,7 @@ use twinpupil_instrument::Instrument;
 use super::corrected::decision;
 use super::faults;
 use super::measured::{measured, stated};
-use crate::io::files::FrameFiles;
+use crate::io::files::{self, FrameFiles};
 
 /// What `--json` prints.
 #[derive(Debug, Serialize)]
@@ -154,9 +154,8 @@ impl Summary {
             some => format!(" ({some} hardly count)"),
         };
         lines.push(format!(
-            "{} frame{}, {} spots{doubted}: {:.4} px rms, χ² {:.2} for each degree of freedom",
-            self.frames.len(),
-            if self.frames.len() == 1 { "" } else { "s" },
+            "{}, {} spots{doubted}: {:.4} px rms, χ² {:.2} for each degree of freedom",
+            files::frames(self.frames.len()),
             self.spots,
             self.rms_px,
             self.reduced_chi2
