@@ -230,6 +230,33 @@ impl Dots {
 /// Share of the pupils that lies in all `circles`, and in the dots if there are any.
 #[inline(always)]
 pub(crate) fn share(dots: Option<&Dots>, circles: &[Circles]) -> Lanes {
+    let mut sum = [0.0; LANES];
+    let half = cross(dots, circles, |_, low, high, weight| {
+        for lane in 0..LANES {
+            sum[lane] += weight * (high[lane] - low[lane]).max(0.0);
+        }
+    });
+    lanes(|lane| sum[lane] * half[lane] / PI)
+}
+
+/// First moments of what [`share`] measures, across the edge and along it, over the area of the pupil.
+#[inline(always)]
+pub(crate) fn moments(dots: Option<&Dots>, circles: &[Circles]) -> [Lanes; 2] {
+    let (mut across, mut along) = ([0.0; LANES], [0.0; LANES]);
+    let half = cross(dots, circles, |x, low, high, weight| {
+        for lane in 0..LANES {
+            let weighted = weight * (high[lane] - low[lane]).max(0.0);
+            across[lane] += weighted * x[lane];
+            along[lane] += weighted * 0.5 * (low[lane] + high[lane]);
+        }
+    });
+    [across, along].map(|sum| lanes(|lane| sum[lane] * half[lane] / PI))
+}
+
+/// Calls `add` for every line across what lies in all `circles` and in the dots, with where it begins and ends and with what
+/// it counts, and returns half the width of that.
+#[inline(always)]
+fn cross(dots: Option<&Dots>, circles: &[Circles], mut add: impl FnMut(&Lanes, &Lanes, &Lanes, f32)) -> Lanes {
     let (mut first, mut last) = dots.map_or(([-1.0; LANES], [1.0; LANES]), |dots| (dots.low, dots.high));
     for circle in circles {
         for lane in 0..LANES {
@@ -239,7 +266,6 @@ pub(crate) fn share(dots: Option<&Dots>, circles: &[Circles]) -> Lanes {
     }
     let middle = lanes(|lane| 0.5 * (first[lane] + last[lane]));
     let half = lanes(|lane| (0.5 * (last[lane] - first[lane])).max(0.0));
-    let mut sum = [0.0; LANES];
     for (position, weight) in POSITIONS.iter().zip(WEIGHTS) {
         let x = lanes(|lane| middle[lane] + half[lane] * position);
         let mut high = lanes(|lane| (1.0 - x[lane] * x[lane]).max(0.0).sqrt());
@@ -254,11 +280,9 @@ pub(crate) fn share(dots: Option<&Dots>, circles: &[Circles]) -> Lanes {
         if let Some(dots) = dots {
             dots.narrow(&x, &mut low, &mut high);
         }
-        for lane in 0..LANES {
-            sum[lane] += weight * (high[lane] - low[lane]).max(0.0);
-        }
+        add(&x, &low, &high, weight);
     }
-    lanes(|lane| sum[lane] * half[lane] / PI)
+    half
 }
 
 impl Circles {

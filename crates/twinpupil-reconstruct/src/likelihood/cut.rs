@@ -13,7 +13,7 @@
 use multiversion::multiversion;
 use smallvec::SmallVec;
 
-use crate::likelihood::chords::{Circles, Dots, Edges, LANES, LINES, Lanes, POSITIONS, lanes, share};
+use crate::likelihood::chords::{Circles, Dots, Edges, LANES, LINES, Lanes, POSITIONS, lanes, moments, share};
 use crate::likelihood::light::{EdgeView, Light, Local, Places, SHARP_PX, WIDE_PX};
 use crate::likelihood::pencil::Edge;
 use crate::likelihood::sharp::Trapezoid;
@@ -155,6 +155,10 @@ fn kinds(local: &Local, places: &Places, touched: &[f32], kind: &mut [f32]) {
     }
 }
 
+fn length2(x: f32, y: f32) -> f32 {
+    x * x + y * y
+}
+
 /// The edges along one way through the masks.
 struct Way {
     /// Light passes outside the shut ones and inside the rims.
@@ -187,6 +191,13 @@ impl Way {
             edges.map(circle).collect()
         };
         Self { shuts: circles(false), rims: circles(true) }
+    }
+
+    /// Whether a mask cuts the pencil of the pixel at a place.
+    fn cuts(&self, [du, dv]: [f32; 2]) -> bool {
+        let offset = |circle: &Circle| length2(circle.x + circle.per_px * du, circle.y + circle.per_px * dv);
+        self.shuts.iter().any(|shut| offset(shut) < (1.0 + shut.radius).powi(2))
+            || self.rims.iter().any(|rim| rim.radius < 1.0 || offset(rim) > (rim.radius - 1.0).powi(2))
     }
 
     /// The shut circles and the rims as samples see them.
@@ -269,15 +280,71 @@ fn open_by_lines(way: &Way, local: &Local, places: &Places, touched: &[f32], ope
 /// Share of the pupils within all rims and outside the shut circles, which lie apart, and in the dots if there are any.
 #[inline(always)]
 fn passing(dots: Option<&Dots>, shuts: &[Circles], rims: &[Circles]) -> Lanes {
-    let mut passing = share(dots, rims);
-    let mut circles = rims.to_vec();
+    let [passing] = opened(shuts, rims, |circles| [share(dots, circles)]);
+    passing
+}
+
+/// What `sum` makes of all that lies within the rims, less what it makes of the part of that in each shut circle.
+#[inline(always)]
+fn opened<const N: usize>(shuts: &[Circles], rims: &[Circles], sum: impl Fn(&[Circles]) -> [Lanes; N]) -> [Lanes; N] {
+    let mut opened = sum(rims);
+    let mut circles: SmallVec<[Circles; 3]> = SmallVec::from_slice(rims);
     for shut in shuts {
         circles.push(*shut);
-        let taken = share(dots, &circles);
+        let taken = sum(&circles);
         circles.pop();
-        passing = lanes(|lane| passing[lane] - taken[lane]);
+        for (opened, taken) in opened.iter_mut().zip(taken) {
+            *opened = lanes(|lane| opened[lane] - taken[lane]);
+        }
     }
-    passing
+    opened
+}
+
+/// Adds to the light of a cut spot, and to the ground about it, what its pencils get unevenly if the light of the scene
+/// grows by `growth`, relative, 1/px.
+///
+/// The pixel at p sees the place p + b w through the point w of the pupil, b the blur's radius, and so, beyond
+/// `(1 + growth·p)` times what even light would give it,
+///
+/// ```text
+/// b growth·∫ w dw/π        over the open part of its pupil behind which the dot lies
+/// ```
+///
+/// Returns where masks cut the pencils; elsewhere nothing is added.
+pub(crate) fn uneven(spot: &Spot, growth: [f32; 2], places: &Places, out: &mut Light) -> Vec<u32> {
+    let local = Local::of(spot);
+    let ways: Vec<Way> = spot.ways.iter().map(|way| Way::of(way, spot)).collect();
+    let is_cut = |index: &u32| {
+        let index = *index as usize;
+        ways.len() != 1 || ways.iter().any(|way| way.cuts([places.du[index], places.dv[index]]))
+    };
+    let cut: Vec<u32> = (0..places.len() as u32).filter(is_cut).collect();
+    for way in &ways {
+        add_uneven(way, &local, growth, places, &cut, out);
+    }
+    cut
+}
+
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
+fn add_uneven(way: &Way, local: &Local, growth: [f32; 2], places: &Places, indices: &[u32], out: &mut Light) {
+    for indices in indices.chunks(LANES) {
+        let edges = Edges::of(local, places, indices);
+        let [shuts, rims] = way.seen_by(&edges);
+        let dots = Dots::stepped(local, &edges, &[0.0; LANES], 0.0);
+        let grown = |[across, along]: [Lanes; 2]| {
+            lanes(|lane| {
+                let (cos, sin) = (edges.normal_u[lane], edges.normal_v[lane]);
+                let (with_across, with_along) = (growth[0] * cos + growth[1] * sin, growth[1] * cos - growth[0] * sin);
+                local.blur_px * (with_across * across[lane] + with_along * along[lane])
+            })
+        };
+        let light = grown(opened(&shuts, &rims, |circles| moments(Some(&dots), circles)));
+        let open = grown(opened(&shuts, &rims, |circles| moments(None, circles)));
+        for (lane, index) in indices.iter().enumerate() {
+            out.light[*index as usize] += light[lane];
+            out.open[*index as usize] += open[lane];
+        }
+    }
 }
 
 /// Dims light and derivatives where the edge of the dot is not cut.

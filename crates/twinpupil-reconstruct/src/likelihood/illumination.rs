@@ -1,9 +1,11 @@
 //! Light that falls unevenly: how it grows across every dot, from the dot's own pixels and from all dots together.
 
 use nalgebra::{Matrix2, Matrix6, SMatrix, SVector, Vector2};
+use smallvec::smallvec;
 
-use crate::likelihood::body::{BandLight, Body};
+use crate::likelihood::body::Body;
 use crate::likelihood::coupling::Near;
+use crate::likelihood::cut::uneven;
 use crate::likelihood::joint::Joint;
 use crate::likelihood::light::{Light, Places};
 use crate::likelihood::outline::Outline;
@@ -28,6 +30,7 @@ pub(crate) struct Glance {
     others: Vec<f32>,
     near: Near,
     modelled: Light,
+    narrow: Light,
     own: Vec<Option<Growth>>,
     dots: Vec<FieldDot>,
     sorted: Vec<f64>,
@@ -47,10 +50,15 @@ pub(crate) fn set_illumination(joint: &mut Joint<'_>, closely: bool, glance: &mu
         let mut own = std::mem::take(&mut glance.own);
         own.clear();
         own.extend((0..joint.bodies.len()).map(|index| own_growth(joint, index, band, closely, glance)));
-        let field = Field::through(joint.bodies, &own, band, glance);
+        let mut field = Field::through(joint.bodies, &own, band, glance);
+        let mut has_ground = false;
         for (index, own) in own.iter_mut().enumerate() {
-            let ground = ground_growth(joint, index, band, field.as_ref(), glance);
-            *own = ground.or(*own);
+            if let Some(ground) = ground_growth(joint, index, band, field.as_ref(), glance) {
+                (*own, has_ground) = (Some(ground), true);
+            }
+        }
+        if has_ground {
+            field = Field::through(joint.bodies, &own, band, glance);
         }
         for (body, own) in joint.bodies.iter_mut().zip(&own) {
             let Body { alive: true, bands, stirred, .. } = body else { continue };
@@ -85,13 +93,14 @@ pub(crate) fn shift_px(spot: &Spot, growth: [f64; 2]) -> [f64; 2] {
     growth.map(|growth| -0.25 * spot.blur_px * spot.blur_px * growth)
 }
 
-/// Mends the light of a spot that seems moved: its edges are as steep as those of narrower blurs.
+/// Mends the light of a spot that seems moved: its edges are as steep as those of narrower blurs, and what masks leave of a
+/// pencil looks to one side.
 ///
 /// The bump of [`shift_px`] is `∫ t³ B_t dt/b²` over the discs B_t up to the blur's radius b: the light changes as does that of
 /// edges with such blurs, by Gauss's rule for the weight t³ of two.
-pub(crate) fn bend(own: &mut Light, light: &BandLight, places: &Places, narrow: &mut Light) {
+pub(crate) fn bend(own: &mut Light, spot: &Spot, growth: [f64; 2], places: &Places, narrow: &mut Light) {
     const NARROW: [(f64, f32); 2] = [(0.898_714, 0.732_384), (0.529_857, 0.267_616)];
-    let [du, dv] = shift_px(&light.spot, light.illumination_slope);
+    let [du, dv] = shift_px(spot, growth);
     if length([du, dv]) < FELT_PX {
         return;
     }
@@ -99,8 +108,13 @@ pub(crate) fn bend(own: &mut Light, light: &BandLight, places: &Places, narrow: 
     for (k, share) in own.light.iter_mut().enumerate() {
         *share -= du * own.with_u[k] + dv * own.with_v[k];
     }
+    let growth = growth.map(|slope| slope as f32);
+    let cut = if spot.is_clipped() { uneven(spot, growth, places, own) } else { Vec::new() };
     for (width, weight) in NARROW {
-        narrow.fill(&light.spot.narrowed(width), places);
+        narrow.fill(&Spot { ways: smallvec![smallvec![]], ..spot.narrowed(width) }, places);
+        for index in &cut {
+            (narrow.with_u[*index as usize], narrow.with_v[*index as usize]) = (0.0, 0.0);
+        }
         for (k, share) in own.light.iter_mut().enumerate() {
             *share += weight * (du * narrow.with_u[k] + dv * narrow.with_v[k]);
         }
@@ -164,7 +178,7 @@ const UNEXPLAINED_CHI2: f64 = 1.3;
 fn modelled_growth(joint: &Joint<'_>, index: usize, band: usize, glance: &mut Glance) -> Option<Growth> {
     const OTHERS: usize = 6;
     let (view, light) = (&joint.bands[band], joint.bodies[index].bands[band].as_ref()?);
-    let Glance { samples, places, codes, others, near, modelled, .. } = glance;
+    let Glance { samples, places, codes, others, near, modelled, narrow, .. } = glance;
     let spot = &light.spot;
     samples.clear();
     let rings = Rings { outline: Outline::of(spot), window_px: view.window_px(spot), even_px: 0.0, levels: [0.0; 2] };
@@ -179,6 +193,7 @@ fn modelled_growth(joint: &Joint<'_>, index: usize, band: usize, glance: &mut Gl
         }
     }
     modelled.fill(spot, places);
+    bend(modelled, spot, light.illumination_slope, places, narrow);
     let (mut information, mut score) = (SMatrix::<f64, 8, 8>::zeros(), SVector::<f64, 8>::zeros());
     let [gu, gv] = light.growth();
     for (k, code) in codes.iter().enumerate() {
@@ -224,6 +239,8 @@ struct Field {
     covariance: SMatrix<f64, UNKNOWNS, UNKNOWNS>,
     /// Variance of the slope of single dots about that of the field, 1/px².
     scatter: f64,
+    /// How small a variance they could have told.
+    told: f64,
 }
 
 /// Length in which places are counted, px.
@@ -273,8 +290,8 @@ impl Field {
         dots.iter_mut().for_each(|dot| dot.level /= typical);
         let count = dots.len() as f64;
         let centre_px = [0, 1].map(|k| dots.iter().map(|dot| dot.centre_px[k]).sum::<f64>() / count);
-        let scatter = f64::INFINITY;
-        let mut field = Self { centre_px, unknowns: SVector::zeros(), covariance: SMatrix::zeros(), scatter };
+        let (scatter, told) = (f64::INFINITY, f64::INFINITY);
+        let mut field = Self { centre_px, unknowns: SVector::zeros(), covariance: SMatrix::zeros(), scatter, told };
         let mut level_std = 1.0_f64;
         for _ in 0..ROUNDS {
             field.fit(dots, level_std)?;
@@ -322,13 +339,18 @@ impl Field {
         sorted.extend(dots.iter().map(|dot| dot.off));
         let level_std = (STD_PER_DISTANCE * median(sorted)?).max(LEVEL_STD_MIN);
         dots.iter_mut().for_each(|dot| dot.kept = dot.off < FAR_SIGMAS * level_std);
+        let slopes =
+            || dots.iter().filter_map(|dot| Some((dot.centre_px, dot.own?, dot.own?.information.try_inverse()?)));
         sorted.clear();
-        sorted.extend(dots.iter().filter_map(|dot| {
-            let off = dot.own.as_ref()?.slope - self.slope_at(dot.centre_px);
-            let noise = dot.own.as_ref()?.information.try_inverse()?.trace();
-            Some((off.norm_squared() - noise).max(0.0))
+        sorted.extend(slopes().map(|(centre_px, own, noise)| {
+            let off = own.slope - self.slope_at(centre_px);
+            (off.norm_squared() - noise.trace()).max(0.0)
         }));
         self.scatter = median(sorted).unwrap_or(0.0);
+        sorted.clear();
+        sorted.extend(slopes().map(|(_, _, noise)| noise.trace()));
+        let count = sorted.len() as f64;
+        self.told = median(sorted).map_or(f64::INFINITY, |noise| noise / count.sqrt());
         Some(level_std)
     }
 
@@ -355,16 +377,100 @@ impl Field {
     }
 
     /// The growth at a place, and how well it is known for a dot there: light is no more a quadratic than to some percent of
-    /// its slope.
+    /// its slope, unless many dots show that it is.
     fn at(&self, place_px: [f64; 2]) -> Growth {
         const DOUBT: f64 = 0.03;
         let [_, along_u, along_v] = self.rows(place_px);
         let rows = SMatrix::<f64, 2, UNKNOWNS>::from_rows(&[along_u.transpose(), along_v.transpose()]);
         let slope = self.slope_at(place_px);
-        let doubt = self.scatter + DOUBT * DOUBT * slope.norm_squared();
+        let doubt = self.scatter + (DOUBT * DOUBT * slope.norm_squared()).min(self.told);
         let per_level = 1.0 / (UNIT_PX * self.level_at(place_px));
         let covariance =
             rows * self.covariance * rows.transpose() * (per_level * per_level) + Matrix2::identity() * doubt;
         Growth { slope, information: covariance.try_inverse().unwrap_or_default() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::TAU;
+
+    use twinpupil_instrument::paper;
+
+    use super::*;
+    use crate::likelihood::pencil::Pencil;
+    use crate::likelihood::spot::{Dot, Raster};
+
+    /// Light of a facing dot at a place beside its centre, point by point of the pupil: even, and where it grows.
+    fn point_by_point(spot: &Spot, [du, dv]: [f64; 2], growth: [f64; 2]) -> [f64; 2] {
+        const RINGS: usize = 300;
+        const POINTS: usize = 900;
+        let [x_mm, y_mm] = spot.image_mm([spot.centre_px[0] + du, spot.centre_px[1] + dv]);
+        let is_open = |[x, y]: [f64; 2]| {
+            spot.ways.iter().any(|way| {
+                way.iter().all(|edge| {
+                    let [cx, cy] = [edge.start[0] + edge.per_image * x_mm, edge.start[1] + edge.per_image * y_mm];
+                    (length([x - cx, y - cy]) < edge.radius) == edge.passes_inside
+                })
+            })
+        };
+        let mut sums = [0.0; 2];
+        for ring in 0..RINGS {
+            let radius = ((ring as f64 + 0.5) / RINGS as f64).sqrt();
+            for point in 0..POINTS {
+                let (sin, cos) = (TAU * (point as f64 + 0.5) / POINTS as f64).sin_cos();
+                let w = [radius * cos, radius * sin];
+                let seen_px = [du + spot.blur_px * w[0], dv + spot.blur_px * w[1]];
+                if is_open(w) && length(seen_px) < spot.radius_px {
+                    sums[0] += 1.0;
+                    sums[1] += 1.0 + growth[0] * seen_px[0] + growth[1] * seen_px[1];
+                }
+            }
+        }
+        sums.map(|sum| sum / (RINGS * POINTS) as f64)
+    }
+
+    #[test]
+    fn light_that_grows_is_that_of_every_point_of_the_pupil() {
+        let instrument = paper::instrument();
+        let raster = Raster { axis_px: [959.5, 599.5], pitch_mm: 0.00586 };
+        const PLACES: usize = 60;
+        // Two narrower blurs stand for all of them.
+        const SHARE_MAX: f64 = 0.04;
+        let growth = [2e-3, -1.2e-3];
+        for (centre_mm, band, is_clipped) in
+            [([4.0, 2.5, 270.0], 0, false), ([1.5, -1.3, 262.0], 0, true), ([1.5, -1.3, 338.0], 1, true)]
+        {
+            let dot = Dot { centre_mm, diameter_mm: 1.0, slopes: [0.0; 2] };
+            let pencil = Pencil::of_band(&instrument, &instrument.bands[band], 100.0);
+            let spot = Spot::of(&dot, &pencil, raster, None);
+            assert_eq!(spot.is_clipped(), is_clipped, "{centre_mm:?}");
+            let shift = shift_px(&spot, growth);
+            let mut shifted = spot.clone();
+            shifted.shift(shift);
+            let (mut about, mut about_shifted) = (Places::default(), Places::default());
+            let offset = |k: usize| {
+                let (sin, cos) = (0.7 * k as f64).sin_cos();
+                let outwards_px = spot.radius_px + spot.blur_px.abs() * ((k % 10) as f64 * 0.22 - 1.0);
+                [outwards_px * cos, outwards_px * sin]
+            };
+            for [du, dv] in (0..PLACES).map(offset) {
+                about.push(du as f32, dv as f32);
+                about_shifted.push((du - shift[0]) as f32, (dv - shift[1]) as f32);
+            }
+            let (mut even, mut uneven, mut narrow) = (Light::default(), Light::default(), Light::default());
+            even.fill(&spot, &about);
+            uneven.fill(&shifted, &about_shifted);
+            bend(&mut uneven, &shifted, growth, &about_shifted, &mut narrow);
+            for k in 0..PLACES {
+                let [du, dv] = offset(k);
+                let [without, with] = point_by_point(&spot, [du, dv], growth);
+                let lit = 1.0 + growth[0] * du + growth[1] * dv;
+                let found = f64::from(uneven.light[k]) * lit - f64::from(even.light[k]);
+                // As much as the light may differ from the middle of a pencil to its side.
+                let share = (found - (with - without)) / (spot.blur_px.abs() * length(growth));
+                assert!(share.abs() < SHARE_MAX, "{centre_mm:?} at {du} {dv}: {found}, {share} off");
+            }
+        }
     }
 }

@@ -265,7 +265,7 @@ impl Joint<'_> {
             near[place].add(&other.near(), others);
         }
         own.fill(&light.spot, places);
-        bend(own, light, places, narrow);
+        bend(own, &light.spot, light.illumination_slope, places, narrow);
         let growth = light.growth();
         let levels = Levels {
             contrast: light.contrast as f32,

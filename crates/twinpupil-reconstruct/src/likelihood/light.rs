@@ -127,7 +127,7 @@ impl Light {
 }
 
 impl Local {
-    fn of(spot: &Spot) -> Self {
+    pub(crate) fn of(spot: &Spot) -> Self {
         Self {
             inverse: spot.inverse.map(|row| row.map(|value| value as f32)),
             radius_px: spot.radius_px as f32,
