@@ -200,13 +200,16 @@ fn weights(points: &[FitPoint]) -> Vec<f64> {
     }
 }
 
-/// Refuses points that span less than a nanometre along one of the coordinates or a combination of them.
+/// Refuses points that span less than a nanometre along one of the coordinates, or along a combination of them less than
+/// measured points stray from a line: their errors in depth go with those across, so that some plane fits them all too well.
 fn degenerate(normal: &DMatrix<f64>, total: f64) -> Result<(), FitError> {
     const SPAN_MIN_MM: f64 = 1e-6;
+    const SPAN_SHARE_MIN: f64 = 3e-3;
     let spans = normal.view((1, 1), (normal.nrows() - 1, normal.ncols() - 1)) / total;
-    let shared = if spans.nrows() == 1 { "position" } else { "line" };
-    let narrowest = spans.symmetric_eigenvalues().min();
-    if narrowest < SPAN_MIN_MM * SPAN_MIN_MM { Err(FitError::Degenerate { shared }) } else { Ok(()) }
+    let values = spans.symmetric_eigenvalues();
+    let (shared, share_min) = if spans.nrows() == 1 { ("position", 0.0) } else { ("line", SPAN_SHARE_MIN) };
+    let span_min_mm = SPAN_MIN_MM.max(share_min * values.max().max(0.0).sqrt());
+    if values.min() < span_min_mm * span_min_mm { Err(FitError::Degenerate { shared }) } else { Ok(()) }
 }
 
 fn quality(
@@ -286,6 +289,12 @@ mod tests {
     fn points_that_cannot_determine_the_fit_are_errors() {
         let on_a_line: Vec<_> = (0..5).map(|k| point(f64::from(k), 2.0 * f64::from(k), 300.0, None)).collect();
         assert_eq!(fit_plane(&on_a_line), Err(FitError::Degenerate { shared: "line" }));
+        let measured = |k: u32| {
+            let seen = 1.0 + 1e-5 * f64::from(k * 7 % 5);
+            point(3.5 * seen, f64::from(k) * seen, 300.0 * seen, Some(0.001))
+        };
+        let on_one: Vec<_> = (0..6).map(measured).collect();
+        assert_eq!(fit_plane(&on_one), Err(FitError::Degenerate { shared: "line" }));
         let one_place = [point(1.0, 0.0, 3.0, None), point(1.0, 2.0, 4.0, None)];
         assert_eq!(fit_line(&one_place, LineAxis::X), Err(FitError::Degenerate { shared: "position" }));
         assert_eq!(fit_line(&[], LineAxis::X), Err(FitError::TooFew { found: 0, needed: 2 }));

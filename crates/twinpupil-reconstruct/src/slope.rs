@@ -226,9 +226,12 @@ struct Plane {
 }
 
 impl Plane {
-    /// Through points, seen from one amid them; `None` if they stand in a line.
+    /// Through points, seen from one amid them; `None` if they stand in one place.
+    ///
+    /// Points in a line tell the slope along it alone. Their errors lie along their chief rays, so that a plane through them
+    /// and the camera would seem to be as good as any: nothing is seen of a surface that stands edge on.
     fn through(points_mm: &[[f64; 3]], origin_mm: [f64; 3]) -> Option<Self> {
-        const LINE: f64 = 1e-9;
+        const LINE: f64 = 1e-5;
         let share = 1.0 / points_mm.len() as f64;
         let from_origin =
             |point_mm: &[f64; 3]| -> [f64; 3] { std::array::from_fn(|axis| point_mm[axis] - origin_mm[axis]) };
@@ -238,17 +241,38 @@ impl Plane {
             (xx, xy, yy) = (xx + x * x, xy + x * y, yy + y * y);
             (xz, yz) = (xz + x * z, yz + y * z);
         }
-        let size = xx * yy;
         let [x, y, z] = sum.map(|sum| sum * share);
         (xx, xy, yy) = (xx - x * sum[0], xy - x * sum[1], yy - y * sum[1]);
         (xz, yz) = (xz - x * sum[2], yz - y * sum[2]);
-        let determinant = xx * yy - xy * xy;
-        if determinant <= LINE * size || determinant.is_nan() {
-            return None;
-        }
-        let slopes = [(yy * xz - xy * yz) / determinant, (xx * yz - xy * xz) / determinant];
         let origin_mm = [origin_mm[0] + x, origin_mm[1] + y, origin_mm[2] + z];
-        Some(Self { origin_mm, slopes, variance: xx.max(yy) / determinant })
+        let determinant = xx * yy - xy * xy;
+        if determinant > LINE * (xx + yy) * (xx + yy) {
+            let slopes = [(yy * xz - xy * yz) / determinant, (xx * yz - xy * xz) / determinant];
+            let plane = Self { origin_mm, slopes, variance: xx.max(yy) / determinant };
+            if !plane.is_edge_on() {
+                return Some(plane);
+            }
+        }
+        Self::along(origin_mm, [xx, xy, yy], [xz, yz])
+    }
+
+    /// That rises along a line through points alone, from their sums of products.
+    fn along(origin_mm: [f64; 3], [xx, xy, yy]: [f64; 3], [xz, yz]: [f64; 2]) -> Option<Self> {
+        // The larger eigenvalue of the points' spread, and the longer of two forms of its vector.
+        let spread = 0.5 * (xx + yy) + (0.25 * (xx - yy) * (xx - yy) + xy * xy).sqrt();
+        let [along_x, along_y] = if xx > yy { [spread - yy, xy] } else { [xy, spread - xx] };
+        let slope = (along_x * xz + along_y * yz) / (spread * (along_x * along_x + along_y * along_y));
+        let slopes = [slope * along_x, slope * along_y];
+        slope.is_finite().then_some(Self { origin_mm, slopes, variance: 1.0 / spread })
+    }
+
+    /// Whether dots on it would look like lines.
+    fn is_edge_on(&self) -> bool {
+        const FLATTEST: f64 = 0.2;
+        let ([x_mm, y_mm, z_mm], [sx, sy]) = (self.origin_mm, self.slopes);
+        let facing = z_mm - sx * x_mm - sy * y_mm;
+        let across_mm2 = (1.0 + sx * sx + sy * sy) * (x_mm * x_mm + y_mm * y_mm + z_mm * z_mm);
+        facing * facing < FLATTEST * FLATTEST * across_mm2
     }
 
     fn off_mm(&self, point_mm: &[f64; 3]) -> f64 {
@@ -304,6 +328,19 @@ mod tests {
         // Nine that lie on some plane by chance are believed, but they are few.
         let far = (0..rough_mm.len()).filter(|index| off(*index) > 0.1).count();
         assert!(far <= 3, "{far}");
+    }
+
+    #[test]
+    fn points_in_a_line_have_the_slope_along_it() {
+        // Errors of depth move points along their rays.
+        let point = |k: u32| {
+            let (y, z) = (1.4 * f64::from(k) - 3.4, 300.0 + 0.5 * (1.4 * f64::from(k) - 3.4));
+            let seen = 1.0 + 1e-4 * (7.0 * f64::from(k)).sin();
+            [3.5, y, z].map(|mm| seen * mm)
+        };
+        for [sx, sy] in slopes_at(&(0..6).map(point).collect::<Vec<_>>()) {
+            assert!(sx.abs() < 1e-3 && (sy - 0.5).abs() < 0.01, "{sx} {sy}");
+        }
     }
 
     #[test]

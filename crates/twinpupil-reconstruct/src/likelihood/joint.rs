@@ -13,7 +13,7 @@ use crate::likelihood::light::{Light, Places};
 use crate::likelihood::neighbours::{Circle, Neighbours};
 use crate::likelihood::normal::Normal;
 use crate::likelihood::outline::Outline;
-use crate::likelihood::pencil::Pencil;
+use crate::likelihood::pencil::{Pencil, length};
 use crate::likelihood::samples::{Rings, Samples};
 use crate::likelihood::spot::{Dot, Raster, Spot, SpotJacobian};
 use crate::likelihood::weigh::{Judge, Levels, Weights};
@@ -69,6 +69,19 @@ impl BandView<'_> {
             spot.lay_on(page, self.pencil, &mut jacobian);
         }
         (spot, jacobian)
+    }
+
+    /// Length of the longer side of its page, px.
+    fn size_px(&self) -> f64 {
+        (self.plane.columns.max(self.plane.rows) * self.plane.step_px) as f64
+    }
+
+    /// Whether an image is no wider than the page, and on it or beside it.
+    fn is_near(&self, spot: &Spot) -> bool {
+        let (size_px, PlaneView { origin_px, columns, rows, step_px, .. }) = (self.size_px(), self.plane);
+        let middle_px = |axis: usize, count: usize| (origin_px[axis] + count * step_px / 2) as f64;
+        let off_px = [spot.centre_px[0] - middle_px(0, columns), spot.centre_px[1] - middle_px(1, rows)];
+        spot.reach_px() <= 0.5 * size_px && length(off_px) <= size_px
     }
 
     pub(crate) fn window_px(&self, spot: &Spot) -> f64 {
@@ -149,10 +162,11 @@ impl Joint<'_> {
 
     /// Brings the images of a body up to date with its dot; an added blur tells nothing of depth.
     fn refresh(&mut self, index: usize, softening_px: f64) {
-        let Body { dot, bands, .. } = &mut self.bodies[index];
+        let Body { dot, bands, alive, .. } = &mut self.bodies[index];
         for (view, light) in self.bands.iter().zip(bands) {
             if let Some(light) = light {
                 (light.spot, light.jacobian) = view.spot(dot);
+                *alive &= view.is_near(&light.spot);
                 if softening_px > 0.0 {
                     light.spot.soften(softening_px);
                     light.jacobian.row_mut(3).fill(0.0);
@@ -167,15 +181,14 @@ impl Joint<'_> {
         let Self { bands, bodies, buffers } = self;
         let bands: &[BandView<'_>] = bands;
         // Images of different bands never meet: each band lies beside the one before.
-        let widths_px = bands.iter().map(|view| view.plane.columns * view.plane.step_px);
-        let widest_px = 4.0 * widths_px.max().unwrap_or(0) as f64;
+        let apart_px = 4.0 * bands.iter().map(BandView::size_px).fold(0.0, f64::max);
         let circles = bodies.iter().enumerate().filter(|(_, body)| body.alive).flat_map(|(index, body)| {
             body.bands.iter().enumerate().filter_map(move |(band, light)| {
                 let spot = &light.as_ref()?.spot;
                 let [u_px, v_px] = spot.centre_px;
                 Some(Circle {
                     index: (index * bands.len() + band) as u32,
-                    centre_px: [u_px + widest_px * band as f64, v_px],
+                    centre_px: [u_px + apart_px * band as f64, v_px],
                     radius_px: bands[band].window_px(spot),
                 })
             })

@@ -60,6 +60,21 @@ fn dark_dots_on_bright_ground() {
 }
 
 #[test]
+fn dots_in_a_row() {
+    for (z_mm, per_mm) in [(275.0, 0.0), (300.0, 0.0), (310.0, 4.0)] {
+        let place = |k: i32| [3.9, 0.9 * f64::from(k), z_mm + per_mm * f64::from(k), 0.7];
+        let row = discs(&[-2, -1, 0, 1, 2].map(place));
+        if per_mm == 0.0 {
+            holds_over(&rig(Camera::Rggb), &row, &format!("{z_mm}"), 2);
+        } else {
+            // They face the camera, although they lie on a slope.
+            let reconstruction = rig(Camera::Rggb).read(&frame_of(&corner(Camera::Rggb), &row));
+            assert_eq!(reconstruction.points.len(), 5, "{:?}", reconstruction.rejected);
+        }
+    }
+}
+
+#[test]
 fn dots_that_touch_are_measured() {
     for case in [grid(270.0, 0.1), pairs(280.0, 0.0), pairs(280.0, 10.0)] {
         let score = case.score(Camera::Rggb, 7000);
