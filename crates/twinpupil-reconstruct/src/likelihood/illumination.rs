@@ -65,7 +65,17 @@ pub(crate) fn set_illumination(joint: &mut Joint<'_>, closely: bool, glance: &mu
             let Some(light) = &mut bands[band] else { continue };
             let growth = field.as_ref().map(|field| field.at(light.spot.centre_px));
             let known = own.iter().copied().chain(growth).reduce(Growth::and);
-            let slope = known.filter(Growth::is_significant).map_or([0.0; 2], |growth| growth.slope.into());
+            let slope = match known {
+                Some(growth) => {
+                    if growth.is_significant() {
+                        growth.slope.into()
+                    } else {
+                        [0.0; 2]
+                    }
+                }
+                // Where nothing is flat, what was found once stays.
+                None => light.illumination_slope,
+            };
             is_uneven |= slope != [0.0; 2];
             let before_px = shift_px(&light.spot, light.illumination_slope);
             let after_px = shift_px(&light.spot, slope);
