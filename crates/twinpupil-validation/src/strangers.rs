@@ -4,7 +4,7 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use twinpupil_instrument::{DepthRange, Instrument, Lens, Mosaic, paper};
 use twinpupil_reconstruct::Mode;
-use twinpupil_simulate::{Pattern, Plate, RandomDots, Scene, SceneSpec, TiltAxis};
+use twinpupil_simulate::{DotGrid, Illumination, Pattern, Plate, RandomDots, Scene, SceneSpec, TiltAxis};
 
 use crate::limit::{Score, Terms};
 use crate::rig::Rig;
@@ -79,6 +79,18 @@ impl Stranger {
         let instrument = instrument(&mut draw, focus_mm);
         let (scene, terms) = scene(&mut draw, &instrument, focus_mm, seed);
         Self { instrument, scene, terms, seed }
+    }
+
+    /// The same camera with something unusual before it: few dots, rows of them, dark ones, or uneven light.
+    ///
+    /// # Panics
+    /// If what is drawn is not legal.
+    pub fn unusual(seed: u64) -> Self {
+        const STREAM: u64 = 0x5eed_0f1e;
+        let mut draw = Draw(Pcg64Mcg::seed_from_u64(seed ^ STREAM));
+        let stranger = Self::of(seed);
+        let scene = unusual(&mut draw, stranger.scene.spec().clone());
+        Self { scene: Scene::new(scene).expect("a legal scene"), ..stranger }
     }
 
     /// Reads a noisy frame of it.
@@ -180,6 +192,43 @@ fn scene(draw: &mut Draw, instrument: &Instrument, focus_mm: f64, seed: u64) -> 
     };
     let terms = Terms { r_min_mm, reach_mm: [0.3 * diameter_mm, 0.02 * distance_mm] };
     (Scene::new(spec).expect("a legal plate"), terms)
+}
+
+/// Another plate in the place of one of random dots.
+fn unusual(draw: &mut Draw, mut spec: SceneSpec) -> SceneSpec {
+    let Some(Plate { pattern, .. }) = &mut spec.plate else { return spec };
+    let Pattern::RandomDots(dots) = pattern else { return spec };
+    let (diameter_mm, r_max_mm) = (dots.diameter_mm, dots.r_max_mm);
+    match draw.one_of(&[0, 1, 2]) {
+        0 => dots.count = draw.between(1.0, 9.0) as u32,
+        1 => {
+            let pitch_mm = draw.between(1.4, 2.5) * diameter_mm;
+            let fitting = (1.6 * r_max_mm / pitch_mm).min(draw.between(4.0, 14.0));
+            *pattern = Pattern::Grid(DotGrid {
+                rows: draw.one_of(&[1, 1, 2, 3]),
+                columns: fitting.max(2.0) as u32,
+                pitch_mm,
+                diameter_mm,
+                centre_mm: [
+                    draw.about(0.2) * r_max_mm,
+                    (0.5 * draw.between(0.6, 1.0)).copysign(draw.about(1.0)) * r_max_mm,
+                ],
+                turn_deg: if draw.sometimes() { 0.0 } else { draw.about(25.0) },
+                ..DotGrid::default()
+            });
+        }
+        _ => {}
+    }
+    if draw.sometimes() {
+        (spec.background_e, spec.brightness_e) = (spec.brightness_e, draw.between(0.03, 0.3) * spec.brightness_e);
+    }
+    if !draw.sometimes() {
+        // Up to about twice as much on one side of the field as on the other.
+        let (growth_per_mm, turn_rad) = (draw.between(0.05, 0.35) / r_max_mm, draw.about(std::f64::consts::PI));
+        let (sin, cos) = turn_rad.sin_cos();
+        spec.illumination = Some(Illumination { growth_per_mm: [growth_per_mm * cos, growth_per_mm * sin] });
+    }
+    spec
 }
 
 /// How far from the axis the masks leave nothing of a pencil's middle: the chief ray of one band meets the disc that shuts
