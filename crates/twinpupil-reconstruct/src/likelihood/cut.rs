@@ -310,19 +310,21 @@ fn opened<const N: usize>(shuts: &[Circles], rims: &[Circles], sum: impl Fn(&[Ci
 /// b growth·∫ w dw/π        over the open part of its pupil behind which the dot lies
 /// ```
 ///
-/// Returns where masks cut the pencils; elsewhere nothing is added.
-pub(crate) fn uneven(spot: &Spot, growth: [f32; 2], places: &Places, out: &mut Light) -> Vec<u32> {
+/// Where masks cut the pencils, the samples are listed as lopsided; elsewhere nothing is added.
+pub(crate) fn uneven(spot: &Spot, growth: [f32; 2], places: &Places, out: &mut Light) {
     let local = Local::of(spot);
-    let ways: Vec<Way> = spot.ways.iter().map(|way| Way::of(way, spot)).collect();
+    let ways: SmallVec<[Way; 1]> = spot.ways.iter().map(|way| Way::of(way, spot)).collect();
     let is_cut = |index: &u32| {
         let index = *index as usize;
         ways.len() != 1 || ways.iter().any(|way| way.cuts([places.du[index], places.dv[index]]))
     };
-    let cut: Vec<u32> = (0..places.len() as u32).filter(is_cut).collect();
+    let mut lopsided = std::mem::take(&mut out.lopsided);
+    lopsided.clear();
+    lopsided.extend((0..places.len() as u32).filter(is_cut));
     for way in &ways {
-        add_uneven(way, &local, growth, places, &cut, out);
+        add_uneven(way, &local, growth, places, &lopsided, out);
     }
-    cut
+    out.lopsided = lopsided;
 }
 
 #[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]

@@ -66,13 +66,8 @@ pub(crate) fn set_illumination(joint: &mut Joint<'_>, closely: bool, glance: &mu
             let growth = field.as_ref().map(|field| field.at(light.spot.centre_px));
             let known = own.iter().copied().chain(growth).reduce(Growth::and);
             let slope = match known {
-                Some(growth) => {
-                    if growth.is_significant() {
-                        growth.slope.into()
-                    } else {
-                        [0.0; 2]
-                    }
-                }
+                Some(growth) if growth.is_significant() => growth.slope.into(),
+                Some(_) => [0.0; 2],
                 // Where nothing is flat, what was found once stays.
                 None => light.illumination_slope,
             };
@@ -119,10 +114,13 @@ pub(crate) fn bend(own: &mut Light, spot: &Spot, growth: [f64; 2], places: &Plac
         *share -= du * own.with_u[k] + dv * own.with_v[k];
     }
     let growth = growth.map(|slope| slope as f32);
-    let cut = if spot.is_clipped() { uneven(spot, growth, places, own) } else { Vec::new() };
+    own.lopsided.clear();
+    if spot.is_clipped() {
+        uneven(spot, growth, places, own);
+    }
     for (width, weight) in NARROW {
         narrow.fill(&Spot { ways: smallvec![smallvec![]], ..spot.narrowed(width) }, places);
-        for index in &cut {
+        for index in &own.lopsided {
             (narrow.with_u[*index as usize], narrow.with_v[*index as usize]) = (0.0, 0.0);
         }
         for (k, share) in own.light.iter_mut().enumerate() {

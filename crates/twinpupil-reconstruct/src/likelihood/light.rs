@@ -30,6 +30,8 @@ pub(crate) struct Light {
     /// Share of the pupil that is open.
     pub(crate) open: Vec<f32>,
     pub(crate) meetings: Meetings,
+    /// Samples whose pencils masks leave more of on one side, where that counts.
+    pub(crate) lopsided: Vec<u32>,
     /// Places on a page that bends, straightened.
     straight: Places,
 }
