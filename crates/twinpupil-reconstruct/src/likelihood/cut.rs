@@ -155,10 +155,6 @@ fn kinds(local: &Local, places: &Places, touched: &[f32], kind: &mut [f32]) {
     }
 }
 
-fn length2(x: f32, y: f32) -> f32 {
-    x * x + y * y
-}
-
 /// The edges along one way through the masks.
 struct Way {
     /// Light passes outside the shut ones and inside the rims.
@@ -191,13 +187,6 @@ impl Way {
             edges.map(circle).collect()
         };
         Self { shuts: circles(false), rims: circles(true) }
-    }
-
-    /// Whether a mask cuts the pencil of the pixel at a place.
-    fn cuts(&self, [du, dv]: [f32; 2]) -> bool {
-        let offset = |circle: &Circle| length2(circle.x + circle.per_px * du, circle.y + circle.per_px * dv);
-        self.shuts.iter().any(|shut| offset(shut) < (1.0 + shut.radius).powi(2))
-            || self.rims.iter().any(|rim| rim.radius < 1.0 || offset(rim) > (rim.radius - 1.0).powi(2))
     }
 
     /// The shut circles and the rims as samples see them.
@@ -310,19 +299,17 @@ fn opened<const N: usize>(shuts: &[Circles], rims: &[Circles], sum: impl Fn(&[Ci
 /// b growth·∫ w dw/π        over the open part of its pupil behind which the dot lies
 /// ```
 ///
-/// Where masks cut the pencils, the samples are listed as lopsided; elsewhere nothing is added.
+/// Where masks cut the pencils, as they were found to with the light, the samples are listed as lopsided; elsewhere nothing is
+/// added.
 pub(crate) fn uneven(spot: &Spot, growth: [f32; 2], places: &Places, out: &mut Light) {
-    let local = Local::of(spot);
-    let ways: SmallVec<[Way; 1]> = spot.ways.iter().map(|way| Way::of(way, spot)).collect();
-    let is_cut = |index: &u32| {
-        let index = *index as usize;
-        ways.len() != 1 || ways.iter().any(|way| way.cuts([places.du[index], places.dv[index]]))
-    };
     let mut lopsided = std::mem::take(&mut out.lopsided);
     lopsided.clear();
+    // Of several ways only the last is told.
+    let is_cut = |index: &u32| spot.ways.len() != 1 || out.meetings.touched[*index as usize] > 0.0;
     lopsided.extend((0..places.len() as u32).filter(is_cut));
-    for way in &ways {
-        add_uneven(way, &local, growth, places, &lopsided, out);
+    let local = Local::of(spot);
+    for way in &spot.ways {
+        add_uneven(&Way::of(way, spot), &local, growth, places, &lopsided, out);
     }
     out.lopsided = lopsided;
 }

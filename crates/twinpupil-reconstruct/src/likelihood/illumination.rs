@@ -113,10 +113,10 @@ pub(crate) fn bend(own: &mut Light, spot: &Spot, growth: [f64; 2], places: &Plac
     for (k, share) in own.light.iter_mut().enumerate() {
         *share -= du * own.with_u[k] + dv * own.with_v[k];
     }
-    let growth = growth.map(|slope| slope as f32);
-    own.lopsided.clear();
     if spot.is_clipped() {
-        uneven(spot, growth, places, own);
+        uneven(spot, growth.map(|slope| slope as f32), places, own);
+    } else {
+        own.lopsided.clear();
     }
     for (width, weight) in NARROW {
         narrow.fill(&Spot { ways: smallvec![smallvec![]], ..spot.narrowed(width) }, places);

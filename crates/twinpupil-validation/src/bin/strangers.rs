@@ -1,5 +1,5 @@
 //! Prints how well cameras and scenes are read that nobody has chosen, beside the Cramér–Rao bound, one to a line, and those
-//! dots that are off by more than chance: `strangers [COUNT [FIRST]]`.
+//! dots that are off by more than chance: `strangers [--unusual] [COUNT [FIRST]]`.
 
 use std::env;
 use std::io::{self, Write};
