@@ -117,6 +117,11 @@ impl BandLight {
         }
     }
 
+    /// How fast its light grows across its edges at most, codes per px: `2/πb`, and as much again for what masks do.
+    pub(crate) fn steepness(&self) -> f64 {
+        4.0 / PI * self.contrast.abs() / self.spot.edge_px()
+    }
+
     /// Growth of the light along u and v, relative, 1/px: of the illumination, and of what the lens lets through.
     pub(crate) fn growth(&self) -> [f64; 2] {
         let ([iu, iv], [lu, lv]) = (self.illumination_slope, self.spot.falloff_slope());

@@ -81,6 +81,8 @@ pub(crate) struct Circles {
     pub(crate) x: Lanes,
     pub(crate) y: Lanes,
     pub(crate) radius: f32,
+    /// Movement of x with the place, outwards.
+    pub(crate) per_px: f32,
 }
 
 /// A dot behind the pupil of each sample: `|g₀ + g₁ y| ≤ h₀ + h₁ y` on the line at x, with g₀ and h₀ linear in x.
@@ -286,6 +288,14 @@ fn cross(dots: Option<&Dots>, circles: &[Circles], mut add: impl FnMut(&Lanes, &
 }
 
 impl Circles {
+    /// Moves to where they are seen from places so far outwards.
+    #[inline(always)]
+    pub(crate) fn step(&mut self, outwards_px: &Lanes) {
+        for (x, outwards_px) in self.x.iter_mut().zip(outwards_px) {
+            *x += self.per_px * outwards_px;
+        }
+    }
+
     /// Half the length of the lines at x within the circles.
     #[inline(always)]
     pub(crate) fn chord(&self, x: &Lanes) -> Lanes {

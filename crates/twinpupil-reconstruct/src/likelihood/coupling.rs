@@ -4,7 +4,7 @@ use nalgebra::SMatrix;
 
 use crate::likelihood::light::{Light, Places};
 use crate::likelihood::normal::{UNKNOWNS, products_with};
-use crate::likelihood::spot::Spot;
+use crate::likelihood::spot::{PIXEL_REACH_PX, Spot};
 use crate::likelihood::weigh::Weights;
 
 /// `JᵀWJ′` between the unknowns of a spot and those of a neighbour (its u, v, radius, blur and contrast) in one band.
@@ -39,9 +39,11 @@ impl Near {
     /// Finds the samples, placed about `about_px`, that a neighbour reaches, and its light there.
     pub(crate) fn find(&mut self, near: &NearLight<'_>, about_px: [f64; 2], places: &Places) {
         let shift = |axis: usize| (about_px[axis] - near.spot.centre_px[axis]) as f32;
-        let (shift_u, shift_v, reach) = (shift(0), shift(1), near.spot.reach_px() as f32);
+        let reach_px = near.spot.reach_px() + PIXEL_REACH_PX * (f64::from(places.square_px) - 1.0);
+        let (shift_u, shift_v, reach) = (shift(0), shift(1), reach_px as f32);
         self.index.clear();
         self.places.clear();
+        self.places.square_px = places.square_px;
         const MANY: usize = 16;
         let is_near = |du: f32, dv: f32| {
             let (du, dv) = (du + shift_u, dv + shift_v);

@@ -20,6 +20,9 @@ use crate::likelihood::sharp::Trapezoid;
 use crate::likelihood::soft::{Overlap, in_the_middle};
 use crate::likelihood::spot::Spot;
 
+/// Root of the mean square distance from the middle of a pixel along a row.
+const HALF_WIDTH_PX: f32 = 0.288_675_13;
+
 /// Half the diagonal of a pixel.
 const PIXEL_REACH_PX: f32 = 0.71;
 
@@ -150,7 +153,7 @@ fn kinds(local: &Local, places: &Places, touched: &[f32], kind: &mut [f32]) {
         let depth_px = (1.0 - edge.q) * edge.px;
         let depth_px = depth_px / (1.0 + edge.bend() * depth_px.max(0.0));
         let blur_px = edge.blur_px.abs();
-        let near = if depth_px.abs() < blur_px + PIXEL_REACH_PX { touched[index] } else { 0.0 };
+        let near = if depth_px.abs() < blur_px + PIXEL_REACH_PX * local.square_px { touched[index] } else { 0.0 };
         kind[index] = if blur_px < SHARP_PX as f32 { 2.0 * near } else { near };
     }
 }
@@ -208,7 +211,7 @@ impl Circle {
             let [x, y] = place(lane);
             edges.normal_u[lane] * y - edges.normal_v[lane] * x
         };
-        Circles { x: lanes(across), y: lanes(along), radius: self.radius }
+        Circles { x: lanes(across), y: lanes(along), radius: self.radius, per_px: self.per_px }
     }
 }
 
@@ -242,12 +245,23 @@ fn close(circle: &Circle, inside: f32, places: &Places, touched: &mut [f32], ope
     let (du, dv) = (&places.du[..count], &places.dv[..count]);
     let (touched, open) = (&mut touched[..count], &mut open[..count]);
     let Circle { x, y, per_px, radius } = *circle;
+    let spread = places.square_px * per_px.abs() * HALF_WIDTH_PX;
+    let is_wide = places.square_px > 1.0;
     for index in 0..count {
         let (x, y) = (x + per_px * du[index], y + per_px * dv[index]);
         let offset = (x * x + y * y).sqrt();
-        let within = radius * radius * Overlap::of(offset, radius).light;
+        // Across the square of a block the shadow's edge bends. Two places on either side have its second moment along the
+        // way to the middle; that across it lies farther from there.
+        let shadow = |offset: f32| Overlap::of(offset, radius).light;
+        let within = if is_wide {
+            let middle = (offset * offset + spread * spread).sqrt();
+            0.5 * (shadow(middle + spread) + shadow((middle - spread).abs()))
+        } else {
+            shadow(offset)
+        };
+        let within = radius * radius * within;
         let shut = if inside > 0.0 { within } else { 1.0 - within };
-        let meets = offset - inside < inside * radius;
+        let meets = offset - inside * (1.0 + spread) < inside * radius;
         touched[index] = if meets { 1.0 } else { touched[index] };
         open[index] = if meets { (open[index] - shut).clamp(0.0, 1.0) } else { open[index] };
     }
@@ -307,7 +321,7 @@ pub(crate) fn uneven(spot: &Spot, growth: [f32; 2], places: &Places, out: &mut L
     // Of several ways only the last is told.
     let is_cut = |index: &u32| spot.ways.len() != 1 || out.meetings.touched[*index as usize] > 0.0;
     lopsided.extend((0..places.len() as u32).filter(is_cut));
-    let local = Local::of(spot);
+    let local = Local::of(spot, places);
     for way in &spot.ways {
         add_uneven(&Way::of(way, spot), &local, growth, places, &lopsided, out);
     }
@@ -319,7 +333,7 @@ fn add_uneven(way: &Way, local: &Local, growth: [f32; 2], places: &Places, indic
     for indices in indices.chunks(LANES) {
         let edges = Edges::of(local, places, indices);
         let [shuts, rims] = way.seen_by(&edges);
-        let dots = Dots::stepped(local, &edges, &[0.0; LANES], 0.0);
+        let dots = Dots::stepped(local, &edges, &[0.0; LANES]);
         let grown = |[across, along]: [Lanes; 2]| {
             lanes(|lane| {
                 let (cos, sin) = (edges.normal_u[lane], edges.normal_v[lane]);
@@ -361,30 +375,51 @@ impl Points {
         if spot.blur_px_min() < WIDE_PX { Self::Three } else { Self::Two }
     }
 
-    /// Mean over the pixels of what `share` makes of the dots behind the pupils.
+    /// Mean over the squares of the samples of what `passing` makes of circles and of the dots behind the pupils.
     #[inline(always)]
-    fn mean(self, local: &Local, edges: &Edges, share: impl Fn(&Dots) -> Lanes) -> Lanes {
-        const HALF_WIDTH_PX: f32 = 0.288_675_13;
+    fn mean<const N: usize>(
+        self,
+        local: &Local,
+        edges: &Edges,
+        circles: [&[Circles]; N],
+        passing: impl Fn(&Dots, [&[Circles]; N]) -> Lanes,
+    ) -> Lanes {
         let (step_px, side) = match self {
-            Self::Two => ([HALF_WIDTH_PX; LANES], [0.5; LANES]),
+            Self::Two => ([HALF_WIDTH_PX * local.square_px; LANES], [0.5; LANES]),
             Self::Three => (edges.point_px, edges.point_share),
         };
-        let inner = share(&Dots::stepped(local, edges, &step_px, -1.0));
-        let outer = share(&Dots::stepped(local, edges, &step_px, 1.0));
+        let inner = stepped(local, edges, circles, &lanes(|lane| -step_px[lane]), &passing);
+        let outer = stepped(local, edges, circles, &step_px, &passing);
         let sides = lanes(|lane| side[lane] * (inner[lane] + outer[lane]));
         if self == Self::Two {
             return sides;
         }
-        let middle = share(&Dots::stepped(local, edges, &step_px, 0.0));
+        let middle = stepped(local, edges, circles, &[0.0; LANES], &passing);
         lanes(|lane| sides[lane] + (1.0 - 2.0 * side[lane]) * middle[lane])
     }
 }
 
+/// What passes, seen from so far outwards of the samples' middles.
+#[inline(always)]
+fn stepped<const N: usize>(
+    local: &Local,
+    edges: &Edges,
+    circles: [&[Circles]; N],
+    outwards_px: &Lanes,
+    passing: &impl Fn(&Dots, [&[Circles]; N]) -> Lanes,
+) -> Lanes {
+    let mut circles = circles.map(SmallVec::<[Circles; 2]>::from_slice);
+    for circle in circles.iter_mut().flatten() {
+        circle.step(outwards_px);
+    }
+    passing(&Dots::stepped(local, edges, outwards_px), circles.each_ref().map(SmallVec::as_slice))
+}
+
 impl Dots {
-    /// Seen from so many steps outwards of the pixels' middles, which the curvature of the edge moves a little.
+    /// Seen from so far outwards of the samples' middles, which the curvature of the edge moves a little.
     #[inline(always)]
-    fn stepped(local: &Local, edges: &Edges, step_px: &Lanes, steps: f32) -> Self {
-        Self::behind(local, edges, &lanes(|lane| steps * step_px[lane] + edges.curvature_px[lane]))
+    fn stepped(local: &Local, edges: &Edges, outwards_px: &Lanes) -> Self {
+        Self::behind(local, edges, &lanes(|lane| outwards_px[lane] + edges.curvature_px[lane]))
     }
 }
 
@@ -392,7 +427,7 @@ impl Dots {
 fn slanted_soft(local: &Local, is_wide: bool, places: &Places, indices: &[u32], out: &mut Light) {
     for indices in indices.chunks(LANES) {
         let edges = Edges::of(local, places, indices);
-        let middles = Dots::stepped(local, &edges, &[0.0; LANES], 0.0);
+        let middles = Dots::stepped(local, &edges, &[0.0; LANES]);
         let slanted = if is_wide { middles.meeting() } else { share(Some(&middles), &[]) };
         // What lines tell otherwise changes little across a pixel.
         let more = lanes(|lane| slanted[lane] - in_the_middle(local, edges.du[lane], edges.dv[lane]));
@@ -408,7 +443,7 @@ fn cut_soft(way: &Way, local: &Local, points: Points, places: &Places, indices: 
         let edges = Edges::of(local, places, indices);
         let [shuts, rims] = way.seen_by(&edges);
         let light = if rims.is_empty() {
-            let taken = points.mean(local, &edges, |dots| {
+            let taken = points.mean(local, &edges, [&shuts], |dots, [shuts]| {
                 shuts.iter().fold([0.0; LANES], |sum, shut| {
                     let taken = share(Some(dots), std::slice::from_ref(shut));
                     lanes(|lane| sum[lane] + taken[lane])
@@ -416,7 +451,7 @@ fn cut_soft(way: &Way, local: &Local, points: Points, places: &Places, indices: 
             });
             lanes(|lane| out.light[indices[lane.min(indices.len() - 1)] as usize] - taken[lane])
         } else {
-            points.mean(local, &edges, |dots| passing(Some(dots), &shuts, &rims))
+            points.mean(local, &edges, [&shuts, &rims], |dots, [shuts, rims]| passing(Some(dots), shuts, rims))
         };
         let passes = passes(&edges, &shuts, &rims);
         for (lane, index) in indices.iter().enumerate() {

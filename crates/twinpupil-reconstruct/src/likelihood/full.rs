@@ -10,6 +10,8 @@ use crate::noise::Noise;
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Full {
     level: f64,
+    /// Pixels of which each value is the mean.
+    pixels: f64,
     count: f64,
     /// Σp.
     place: [f64; 2],
@@ -80,9 +82,10 @@ const FOREIGN_SHARE: f64 = 0.02;
 
 impl Full {
     /// Of no pixel yet, about a level.
-    fn about(level: f32) -> Self {
+    fn about(level: f32, pixels: f64) -> Self {
         Self {
             level: f64::from(level),
+            pixels,
             count: 0.0,
             place: [0.0; 2],
             places: [0.0; 3],
@@ -95,7 +98,12 @@ impl Full {
         }
     }
 
-    /// Number of pixels.
+    /// Variance of a value that reads `code`.
+    fn variance(&self, noise: &Noise, code: f64) -> f64 {
+        noise.variance(code) / self.pixels
+    }
+
+    /// Number of values.
     pub(crate) fn count(&self) -> f64 {
         self.count
     }
@@ -106,7 +114,7 @@ impl Full {
             return true;
         }
         let mean = self.code / self.count;
-        let bound = FOREIGN_SIGMAS * noise.variance(self.level + mean).sqrt();
+        let bound = FOREIGN_SIGMAS * self.variance(noise, self.level + mean).sqrt();
         self.highest + self.level < f64::from(code_max) && self.highest - mean < bound && mean - self.lowest < bound
     }
 
@@ -122,7 +130,7 @@ impl Full {
         let mut kept = whole.clone();
         for _ in 0..ROUNDS {
             let Some(incline) = kept.incline() else { break };
-            let bound = FOREIGN_SIGMAS * noise.variance(self.level + incline.level).sqrt();
+            let bound = FOREIGN_SIGMAS * self.variance(noise, self.level + incline.level).sqrt();
             kept = self.kept(rows.clone(), code_max, |place, code| (code - incline.at(place)).abs() < bound);
         }
         let foreign = kept.masked - whole.masked;
@@ -135,7 +143,7 @@ impl Full {
         code_max: u16,
         is_own: impl Fn([f64; 2], f64) -> bool,
     ) -> Self {
-        let mut kept = Tally::about(self.level as f32);
+        let mut kept = Tally::about(self.level as f32, self.pixels);
         let mut masked = 0;
         for row in rows {
             for (k, code) in row.codes.iter().step_by(row.step).take(row.count).enumerate() {
@@ -172,7 +180,7 @@ impl Full {
         let spread = Matrix2::new(uu, uv, uv, vv) - mean * mean.transpose() * self.count;
         let code = self.level + level + slope.dot(&mean);
         let light = code - noise.black_level;
-        (light > 0.0).then(|| (slope / light, spread * (light * light / noise.variance(code))))
+        (light > 0.0).then(|| (slope / light, spread * (light * light / self.variance(noise, code))))
     }
 
     /// What the pixels say of their light.
@@ -187,7 +195,7 @@ impl Full {
         let code_growth = gu * self.code_place[0] + gv * self.code_place[1];
         let middle = light.level * light.lit;
         let reading = black.reading(middle as f32);
-        let (slope, trust) = (f64::from(reading.slope), f64::from(reading.trust));
+        let (slope, trust) = (f64::from(reading.slope), self.pixels * f64::from(reading.trust));
         let start = self.level - black.noise().black_level - f64::from(reading.mean);
         let level = slope * light.level;
         let square = light.lit * light.lit * self.count + 2.0 * light.lit * growth + growth2;
@@ -229,10 +237,10 @@ pub(crate) struct Tally {
 }
 
 impl Tally {
-    /// Of no pixel yet, about a level.
-    pub(crate) fn about(level: f32) -> Self {
+    /// Of no pixel yet, about a level; every value will be the mean of so many.
+    pub(crate) fn about(level: f32, pixels: f64) -> Self {
         Self {
-            full: Full::about(level),
+            full: Full::about(level, pixels),
             rows: 0,
             sums: [[0.0; LANES]; 4],
             lowest: [f32::INFINITY; LANES],
@@ -338,7 +346,7 @@ mod tests {
     }
 
     fn of(rows: &[FullRow<'_>]) -> Full {
-        let mut tally = Tally::about(990.0);
+        let mut tally = Tally::about(990.0, 1.0);
         for FullRow { codes, step, first_px, dv_px, .. } in rows {
             let values: Vec<f32> = codes.iter().step_by(*step).map(|code| f32::from(*code)).collect();
             let step_px = *step as f64;

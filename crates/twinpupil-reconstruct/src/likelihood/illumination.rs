@@ -189,7 +189,8 @@ fn modelled_growth(joint: &Joint<'_>, index: usize, band: usize, glance: &mut Gl
     let Glance { samples, places, codes, others, near, modelled, narrow, .. } = glance;
     let spot = &light.spot;
     samples.clear();
-    let rings = Rings { outline: Outline::of(spot), window_px: view.window_px(spot), even_px: 0.0, levels: [0.0; 2] };
+    let (outline, window_px) = (Outline::of(spot), view.window_px(spot));
+    let rings = Rings { outline, window_px, even_px: 0.0, levels: [0.0; 2], grain: 1, rise: 0.0 };
     let window = samples.read(&view.plane, view.black.noise(), &rings);
     samples.about(&window, Share::All, spot.centre_px, places, codes);
     others.clear();

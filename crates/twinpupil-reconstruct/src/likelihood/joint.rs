@@ -1,15 +1,18 @@
 //! All dots of a frame at once: each explains the light that the others leave, and all move together, until none moves.
 
+use std::f64::consts::SQRT_2;
+
 use nalgebra::Vector6;
 use twinpupil_instrument::{Page, PlaneView};
 
 use crate::likelihood::black::Black;
+use crate::likelihood::blocks::Blocks;
 use crate::likelihood::body::{BandLight, Body};
 use crate::likelihood::coupling::{Coupling, Near, NearLight};
 use crate::likelihood::departure::Departures;
 use crate::likelihood::full::{Full, FullLight};
 use crate::likelihood::illumination::{bend, shift_px};
-use crate::likelihood::light::{Light, Places};
+use crate::likelihood::light::{Light, Places, is_slanted};
 use crate::likelihood::neighbours::{Circle, Neighbours};
 use crate::likelihood::normal::Normal;
 use crate::likelihood::outline::Outline;
@@ -236,19 +239,29 @@ impl Joint<'_> {
     /// The window about a spot; masks and others whose light reaches into it make its parts uneven.
     fn rings(&self, index: usize, band: usize, light: &BandLight) -> Rings {
         let [u_px, v_px] = light.spot.centre_px;
-        let gap_px = |neighbour: &u32| {
-            let spot = &self.bodies[*neighbour as usize / self.bands.len()].bands[band].as_ref()?.spot;
-            let [du, dv] = [spot.centre_px[0] - u_px, spot.centre_px[1] - v_px];
-            Some((du * du + dv * dv).sqrt() - spot.reach_px())
-        };
-        let gaps_px = self.buffers.neighbours.of(index * self.bands.len() + band).iter().filter_map(gap_px);
-        let gap_px = gaps_px.fold(f64::INFINITY, f64::min);
-        let ground = light.background + self.bands[band].black.noise().black_level;
+        let view = &self.bands[band];
+        let neighbours = self.buffers.neighbours.of(index * self.bands.len() + band).iter();
+        let neighbours = neighbours.filter_map(|k| self.bodies[*k as usize / self.bands.len()].bands[band].as_ref());
+        let (mut gap_px, mut blur_px) = (f64::INFINITY, light.spot.blur_px_min());
+        let mut steepness = light.steepness();
+        for near in neighbours {
+            let [du, dv] = [near.spot.centre_px[0] - u_px, near.spot.centre_px[1] - v_px];
+            gap_px = gap_px.min((du * du + dv * dv).sqrt() - near.spot.reach_px());
+            blur_px = blur_px.min(near.spot.blur_px_min());
+            steepness += near.steepness();
+        }
+        let ground = light.background + view.black.noise().black_level;
+        // Calibration has to be as near to the pixels as can be; where masks cut pencils or lines tell them, light bends.
+        let is_plain = !self.bodies[index].pinned && !is_slanted(&light.spot);
+        let grain = if is_plain { Blocks::grain_for(blur_px, view.plane.step_px) } else { 1 };
+        let across_px = ((grain - 1) * view.plane.step_px) as f64 * SQRT_2;
         Rings {
             outline: Outline::of(&light.spot),
-            window_px: self.bands[band].window_px(&light.spot),
+            window_px: view.window_px(&light.spot),
             even_px: if light.spot.is_clipped() { 0.0 } else { gap_px },
             levels: [light.contrast + ground, ground].map(|level| level as f32),
+            grain,
+            rise: (steepness * across_px) as f32,
         }
     }
 
@@ -287,7 +300,7 @@ impl Joint<'_> {
         };
         let limit = if mask_foreign { FOREIGN_SIGMAS * FOREIGN_SIGMAS } else { f32::INFINITY };
         let saturated = f32::from(view.plane.code_max);
-        let judge = Judge::new(view.black, saturated, limit);
+        let judge = Judge::new(view.black, saturated, limit, window.pixels as f32);
         weights.compare(codes, places, own, others, &levels, &judge);
         let mut normal = Normal::of(own, places, light.contrast, weights);
         let [offset_u, offset_v] = window.offset_px(light.spot.centre_px);

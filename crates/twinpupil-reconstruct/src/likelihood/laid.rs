@@ -43,7 +43,7 @@ impl Bend {
             let (uu, uv, vv) = (du * du, du * dv, dv * dv);
             straight.push(du - au * uu - bu * uv - cu * vv, dv - av * uu - bv * uv - cv * vv);
         }
-        (straight.edge, straight.lit) = (places.edge, places.lit);
+        (straight.edge, straight.lit, straight.square_px) = (places.edge, places.lit, places.square_px);
     }
 
     /// Moves places to where the light would be as strong if the blur were everywhere as it is at the centre: the light t
@@ -56,8 +56,9 @@ impl Bend {
         }
         let [[xx, xy], [yx, yy]] = spot.inverse.map(|row| row.map(|value| (value / spot.radius_px) as f32));
         let blur_px = spot.blur_px as f32;
-        // Variances of a disc and of a pixel, times twelve.
-        let width2 = |blur_px: f32| 3.0 * blur_px * blur_px + 1.0;
+        // Variances of a disc and of a square, times twelve.
+        let square2 = places.square_px * places.square_px;
+        let width2 = |blur_px: f32| 3.0 * blur_px * blur_px + square2;
         let even2 = width2(blur_px);
         let edge = places.edge;
         for (du, dv) in places.du[..edge].iter_mut().zip(&mut places.dv[..edge]) {

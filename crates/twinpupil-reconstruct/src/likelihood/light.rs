@@ -8,12 +8,14 @@ use crate::likelihood::spot::Spot;
 
 /// Centres of pixels from the outline's centre, px: first those that may feel the edge of the dot, up to `lit` those that
 /// see nothing but the dot, then those that see none of it.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub(crate) struct Places {
     pub(crate) du: Vec<f32>,
     pub(crate) dv: Vec<f32>,
     pub(crate) edge: usize,
     pub(crate) lit: usize,
+    /// Width of the square that a sample stands for, px: a pixel, or the square with the second moment of a block of them.
+    pub(crate) square_px: f32,
 }
 
 /// Light in every pixel, relative to a pixel that sees only the dot through an open pupil, and its derivatives, per px.
@@ -59,6 +61,14 @@ pub(crate) struct Local {
     pub(crate) blur_gradient: [f32; 2],
     /// See [`Spot::skewed_px`].
     pub(crate) skewed_px: [f32; 2],
+    /// See [`Places`].
+    pub(crate) square_px: f32,
+}
+
+impl Default for Places {
+    fn default() -> Self {
+        Self { du: Vec::new(), dv: Vec::new(), edge: 0, lit: 0, square_px: 1.0 }
+    }
 }
 
 impl Places {
@@ -105,8 +115,8 @@ impl Light {
         self.prepare(places);
         let mut straight = std::mem::take(&mut self.straight);
         let places = spot.straightened(places, &mut straight);
-        let local = Local::of(spot);
-        if Profile::serves(spot, places.edge) {
+        let local = Local::of(spot, places);
+        if Profile::serves(spot, places) {
             Profile::of(&local).fill(&local, places, self);
         } else if spot.blur_px_max() < SHARP_PX {
             sharp(&local, f32::INFINITY, places, self);
@@ -118,7 +128,7 @@ impl Light {
         } else {
             wide(&local, places, self);
         }
-        if spot.foreshortening() * spot.blur_px_max() > SLANTED * spot.radius_px {
+        if is_slanted(spot) {
             slanted(spot, &local, places, self);
         }
         if spot.is_clipped() {
@@ -128,8 +138,13 @@ impl Light {
     }
 }
 
+/// Whether only lines across the pupil tell the light of a spot.
+pub(crate) fn is_slanted(spot: &Spot) -> bool {
+    spot.foreshortening() * spot.blur_px_max() > SLANTED * spot.radius_px
+}
+
 impl Local {
-    pub(crate) fn of(spot: &Spot) -> Self {
+    pub(crate) fn of(spot: &Spot, places: &Places) -> Self {
         Self {
             inverse: spot.inverse.map(|row| row.map(|value| value as f32)),
             radius_px: spot.radius_px as f32,
@@ -137,6 +152,7 @@ impl Local {
             blur_growth_px: spot.blur_growth_px as f32,
             blur_gradient: spot.blur_gradient().map(|value| value as f32),
             skewed_px: spot.skewed_px().map(|value| value as f32),
+            square_px: places.square_px,
         }
     }
 }
@@ -161,6 +177,8 @@ pub(crate) struct EdgeView {
     pub(crate) blur_px: f32,
     /// Curvature of the edge there, 1/px.
     pub(crate) curvature: f32,
+    /// See [`Places`].
+    square_px: f32,
     /// To the unit disc the blur is an ellipse: how far it leans, and its square width along the edge over that across.
     lean: f32,
     stretch: f32,
@@ -194,6 +212,7 @@ impl EdgeView {
             per_gradient,
             blur_px: local.blur_px + local.blur_growth_px * ex.clamp(-1.0, 1.0),
             curvature: flatness * flatness * per_gradient * per_radius,
+            square_px: local.square_px,
             lean,
             stretch: (hx * hx + hy * hy) * per_gradient * per_gradient - lean * lean,
         }
@@ -217,10 +236,10 @@ impl EdgeView {
         0.5 * (leant + beta * beta * (self.stretch - 1.0) * middle)
     }
 
-    /// How far in the curvature of the edge lets it seem, on the average along a pixel, px.
+    /// How far in the curvature of the edge lets it seem, on the average along a sample's square, px.
     #[inline(always)]
     pub(crate) fn curvature_px(&self) -> f32 {
-        self.curvature * (1.0 / 24.0)
+        self.curvature * (1.0 / 24.0) * (self.square_px * self.square_px)
     }
 
     /// How much nearer to the edge a place is than `(1 − q)` pixels times the gradient, over the square of that, 1/px: the
@@ -230,7 +249,7 @@ impl EdgeView {
         0.5 * self.lean * self.lean * self.per_px
     }
 
-    /// Across the square of a pixel: distance of the two points and their shares that together with a third, in the
+    /// Across the square of a sample: distance of the two points and their shares that together with a third, in the
     /// middle, have the second and the fourth moment of its projection.
     #[inline(always)]
     pub(crate) fn pixel_points(&self) -> (f32, f32) {
@@ -242,7 +261,7 @@ impl EdgeView {
         let x = square * (1.0 / MIDDLE) - 1.0;
         let root = 1.0 + x * (0.5 + x * (-0.125 + x * (0.0625 - x * 0.039_062_5)));
         let inverse = 1.0 - x * (1.0 - x * (1.0 - x * (1.0 - x * (1.0 - x))));
-        (MIDDLE_ROOT * root, inverse * (1.0 / (24.0 * MIDDLE)))
+        (MIDDLE_ROOT * root * self.square_px, inverse * (1.0 / (24.0 * MIDDLE)))
     }
 }
 
@@ -251,6 +270,7 @@ mod tests {
     use twinpupil_instrument::paper;
 
     use super::*;
+    use crate::likelihood::blocks::square_px;
     use crate::likelihood::pencil::Pencil;
     use crate::likelihood::spot::{Dot, Raster};
 
@@ -402,6 +422,12 @@ mod tests {
 
     /// Of u, v, radius and blur at 20 000 electrons in every pixel; one of `stride` pixels of as many lines is looked at.
     fn biases(dot: &Dot, band: usize, stride: usize) -> [Bias; 4] {
+        biases_of_blocks(dot, band, stride, 1)
+    }
+
+    /// The same where means of `grain × grain` pixels of every other column and row are looked at.
+    fn biases_of_blocks(dot: &Dot, band: usize, stride: usize, grain: usize) -> [Bias; 4] {
+        const STEP_PX: usize = 2;
         use nalgebra::{Matrix6, Vector6};
         let instrument = paper::instrument();
         let pencil = Pencil::of_band(&instrument, &instrument.bands[band], F_MM);
@@ -412,18 +438,23 @@ mod tests {
         let [first_u, first_v] = spot.centre_px.map(|centre_px| (centre_px - reach).floor());
         let lines = || (0..(2.0 * reach) as usize).step_by(stride).map(|line| line as f64);
         let pixels: Vec<[f64; 2]> = lines().flat_map(|v| lines().map(move |u| [first_u + u, first_v + v])).collect();
-        let mut places = Places::default();
+        let mut places = Places { square_px: square_px(grain, STEP_PX) as f32, ..Places::default() };
         for [u_px, v_px] in &pixels {
             places.push((u_px - spot.centre_px[0]) as f32, (v_px - spot.centre_px[1]) as f32);
         }
         let mut row = Light::default();
         row.fill(&spot, &places);
+        let offset_px = |k: usize| STEP_PX as f64 * (k as f64 - 0.5 * (grain - 1) as f64);
+        let block =
+            |[u, v]: [f64; 2]| (0..grain * grain).map(move |k| [u + offset_px(k % grain), v + offset_px(k / grain)]);
+        let mean =
+            |pixel: [f64; 2], of: &dyn Fn([f64; 2]) -> f64| block(pixel).map(of).sum::<f64>() / (grain * grain) as f64;
         for (k, pixel) in pixels.into_iter().enumerate() {
             let light = f64::from(row.light[k]);
             // Far from the edge all or nothing of the open pencil is lit.
-            let open = exact.open(pixel);
+            let open = mean(pixel, &|pixel| exact.open(pixel));
             let flat = if light > 0.5 * open { open } else { 0.0 };
-            let expected = if row.with_radius[k] == 0.0 { flat } else { exact.light(pixel) };
+            let expected = if row.with_radius[k] == 0.0 { flat } else { mean(pixel, &|pixel| exact.light(pixel)) };
             let jacobian = Vector6::from_iterator(
                 [row.with_u[k], row.with_v[k], row.with_radius[k], row.with_blur[k], row.light[k], row.open[k]]
                     .map(f64::from),
@@ -435,6 +466,24 @@ mod tests {
         let covariance = information.try_inverse().unwrap();
         let step = covariance * score;
         [0, 1, 2, 3].map(|k| Bias { px: step[k], std_px: covariance[(k, k)].sqrt() })
+    }
+
+    #[test]
+    fn blocks_bias_no_unknown() {
+        const SIGMAS_MAX: f64 = 4.5;
+        let mut report = Vec::new();
+        for z_mm in [250.0, 340.0] {
+            for centre_mm in [[4.0, -3.0, z_mm], [1.76, -1.32, z_mm]] {
+                for (slopes, band) in [([0.0; 2], 0), ([0.0; 2], 1), ([0.2, -0.1], 0), ([0.2, -0.1], 1)] {
+                    let dot = Dot { centre_mm, diameter_mm: 1.0, slopes };
+                    let bias = biases_of_blocks(&dot, band, 5, 2).map(|bias| bias.px / bias.std_px);
+                    if bias.iter().any(|bias| bias.abs() > SIGMAS_MAX) {
+                        report.push(format!("{centre_mm:?} {slopes:.2?} {band}: {bias:.2?}"));
+                    }
+                }
+            }
+        }
+        assert!(report.is_empty(), "\n{}", report.join("\n"));
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! Maximum likelihood: the dots whose modelled light explains the pixels best.
 
 pub(crate) mod black;
+mod blocks;
 pub(crate) mod body;
 mod chords;
 mod coupling;

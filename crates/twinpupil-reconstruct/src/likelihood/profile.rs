@@ -9,7 +9,7 @@
 //!
 //! Both are means of overlaps of two discs over the projection of the square on the edge's normal: even from −½ to ½, or a
 //! triangle from −1/√2 to 1/√2. At x across the edge the square reaches ±h along it, `h = ½` or `1/√2 − |x|`, so that
-//! there the edge has gone in by `h²/6R`. Between nodes A is the cubic through its values and slopes, and between rows of
+//! it lies `h²/6r` farther out than its middle, r from the centre. Squares of blocks of pixels are wider. Between nodes A is the cubic through its values and slopes, and between rows of
 //! the table a chord, which lies `A″h²/12` off on the average over their distance h: rows are that much off the other way,
 //! or every blur would seem too narrow. What little a blur differs from b along the outline is accounted for by the
 //! derivative.
@@ -69,10 +69,10 @@ const SAMPLES_FEW: usize = 150;
 
 impl Profile {
     /// Whether it serves the samples of a spot.
-    pub(crate) fn serves(spot: &Spot, samples: usize) -> bool {
-        samples >= SAMPLES_FEW
+    pub(crate) fn serves(spot: &Spot, places: &Places) -> bool {
+        places.edge >= SAMPLES_FEW
             && spot.blur_px.abs() >= SHARP_PX
-            && spot.blur_px.abs() + PIXEL_REACH_PX < spot.radius_px
+            && spot.blur_px.abs() + PIXEL_REACH_PX * f64::from(places.square_px) < spot.radius_px
             && spot.foreshortening() < ROUND
             && spot.blur_growth_px.abs() < EVEN_BLUR * spot.blur_px.abs()
     }
@@ -80,10 +80,10 @@ impl Profile {
     /// Of a spot that it serves.
     pub(crate) fn of(local: &Local) -> Self {
         let blur_px = local.blur_px.abs();
-        let reach_px = blur_px + 1.02 * PIXEL_REACH_PX as f32;
+        let reach_px = blur_px + 1.02 * PIXEL_REACH_PX as f32 * local.square_px;
         let step_px = 2.0 * reach_px / STEPS as f32;
         let mut columns = [[0.0; NODES]; 4];
-        integrate(local.radius_px, blur_px, reach_px, &mut columns);
+        integrate(local, reach_px, &mut columns);
         let mut rows = [Row::default(); ROWS];
         refine(&columns, step_px, &mut rows);
         Self { start_px: -reach_px, rows_per_px: FINENESS as f32 / step_px, blur_px, rows }
@@ -97,17 +97,21 @@ impl Profile {
 
 /// Integrates at nodes that begin `reach_px` within the outline.
 #[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
-fn integrate(radius_px: f32, blur_px: f32, reach_px: f32, columns: &mut Columns) {
+fn integrate(local: &Local, reach_px: f32, columns: &mut Columns) {
+    let Local { radius_px, square_px, .. } = *local;
+    let blur_px = local.blur_px.abs();
     let (per_radius, step_px) = (1.0 / radius_px, 2.0 * reach_px / STEPS as f32);
     let beta = blur_px * per_radius;
     let [of_light, of_t, of_blur, of_turn] = columns;
     for (square, turn) in [(STRAIGHT, 1.0), (DIAGONAL, -1.0)] {
         for ([place, weight], along2) in square.rule.into_iter().zip(square.along2) {
             let weight = 0.5 * weight;
+            let along2 = 0.5 * square_px * square_px * along2;
             for place in [-place, place] {
-                let start_px = place + 0.5 * along2 * per_radius - reach_px;
+                let start_px = square_px * place - reach_px;
                 for node in 0..NODES {
                     let t = start_px + step_px * (node as u32) as f32;
+                    let t = t + along2 / (radius_px + t).max(1.0);
                     let Overlap { light, with_q, with_beta } = Overlap::of((1.0 + t * per_radius).max(0.0), beta);
                     of_light[node] += weight * light;
                     of_t[node] += weight * per_radius * with_q;
@@ -223,12 +227,15 @@ impl Profile {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::likelihood::light::WIDE_PX;
+    use crate::likelihood::soft;
 
     #[test]
-    fn the_profile_is_the_mean_over_the_pixel() {
+    fn profile_and_wide_edge_are_the_mean_over_the_square() {
         const FINE: usize = 200;
-        const RADIUS_PX: f32 = 20.0;
-        for blur_px in [1.2_f32, 3.0, 12.0] {
+        const RADIUS_PX: f32 = 45.0;
+        for (blur_px, square_px) in [(1.2_f32, 1.0_f32), (3.0, 1.0), (12.0, 1.0), (12.0, 3.6), (16.0, 4.0), (20.0, 4.0)]
+        {
             let local = Local {
                 inverse: [[1.0, 0.0], [0.0, 1.0]],
                 radius_px: RADIUS_PX,
@@ -236,27 +243,43 @@ mod tests {
                 blur_growth_px: 0.0,
                 blur_gradient: [0.0; 2],
                 skewed_px: [0.0; 2],
+                square_px,
             };
-            let mut places = Places::default();
+            let mut places = Places { square_px, ..Places::default() };
+            let reach_px = blur_px + square_px;
             for turn in 0..40 {
                 let (sin, cos) = (0.3 * turn as f32).sin_cos();
-                let distance_px = RADIUS_PX + (blur_px + 1.0) * (turn as f32 / 20.0 - 1.0);
+                let distance_px = RADIUS_PX + reach_px * (turn as f32 / 20.0 - 1.0);
                 places.push(distance_px * cos, distance_px * sin);
             }
             let mut light = Light::default();
             light.resize(places.len());
             Profile::of(&local).fill(&local, &places, &mut light);
+            let mut wide = Light::default();
+            wide.resize(places.len());
+            soft::wide(&local, &places, &mut wide);
             for (index, light) in light.light.iter().enumerate() {
-                let part = |k: usize| (k as f32 + 0.5) / FINE as f32 - 0.5;
-                let row = |v: f32| -> f32 {
+                let part = |k: usize| square_px * ((k as f32 + 0.5) / FINE as f32 - 0.5);
+                let row = |v: f32| -> f64 {
                     let share = |k: usize| {
                         let q = (places.du[index] + part(k)).hypot(v) / RADIUS_PX;
-                        Overlap::of(q, blur_px / RADIUS_PX).light
+                        f64::from(Overlap::of(q, blur_px / RADIUS_PX).light)
                     };
                     (0..FINE).map(share).sum()
                 };
-                let mean = (0..FINE).map(|k| row(places.dv[index] + part(k))).sum::<f32>() / (FINE * FINE) as f32;
-                assert!((light - mean).abs() < 1.5e-3, "{blur_px} at {index}: {light} {mean}");
+                let mean = (0..FINE).map(|k| row(places.dv[index] + part(k))).sum::<f64>() / (FINE * FINE) as f64;
+
+                let near = |light: f32, off: f64| (f64::from(light) - mean).abs() < off;
+                assert!(
+                    near(*light, if square_px > 1.0 { 3e-4 } else { 1.5e-3 }),
+                    "{blur_px} at {index}: {light} {mean}"
+                );
+                let is_wide = f64::from(blur_px) >= WIDE_PX;
+                assert!(
+                    !is_wide || near(wide.light[index], 5e-4),
+                    "{blur_px} at {index}: {} {mean}",
+                    wide.light[index]
+                );
             }
         }
     }

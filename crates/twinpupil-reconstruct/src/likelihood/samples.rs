@@ -1,24 +1,30 @@
-//! The pixels of a plane about its spots, read once.
+//! The pixels of a plane about its spots, read once; where blur is wide, means of blocks of them.
 
 use multiversion::multiversion;
 use twinpupil_instrument::PlaneView;
 
 use crate::fetch::fetch;
+use crate::likelihood::blocks::{Blocks, Likeness, Lines};
 use crate::likelihood::full::{Full, FullRow, Stretch, Tally};
 use crate::likelihood::light::Places;
 use crate::likelihood::outline::{Curve, Outline, Side};
 use crate::likelihood::pencil::length;
-use crate::likelihood::spot::Spot;
+use crate::likelihood::spot::{PIXEL_REACH_PX, Spot};
 use crate::noise::Noise;
-use crate::scout::light::read_every;
 
 /// Pixels about all spots of a frame, one window after the other.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Samples {
     /// Those that feel an edge, those that see nothing but a dot, and those that see none of it.
     zones: [Zone; ZONES],
-    /// The row that is read.
+    rows: Reading,
+}
+
+/// The row that is read.
+#[derive(Debug, Clone, Default)]
+struct Reading {
     line: Vec<f32>,
+    lines: Lines,
 }
 
 /// The first `count` pixels, and their places about the centres of their windows; the rest is room for more.
@@ -45,6 +51,9 @@ pub(crate) struct Rings {
     pub(crate) even_px: f64,
     /// Codes of what the spot fills and of the ground, about.
     pub(crate) levels: [f32; 2],
+    /// Pixels along the side of the blocks that serve, and how much the light may rise between two pixels of one, codes.
+    pub(crate) grain: usize,
+    pub(crate) rise: f32,
 }
 
 /// How many of the rows of a window are looked at.
@@ -64,6 +73,9 @@ pub(crate) struct Window {
     /// Of the pixels that the spot fills, and of the ground.
     pub(crate) full: Full,
     pub(crate) ground: Full,
+    /// Pixels to a sample, and the width of the square that it stands for, px.
+    pub(crate) pixels: f64,
+    pub(crate) square_px: f64,
 }
 
 /// Pixels side by side.
@@ -85,11 +97,13 @@ impl Window {
     pub(crate) fn serves(&self, rings: &Rings, reach_px: f64) -> bool {
         let [du, dv] = self.offset_px(rings.outline.centre_px);
         let (moved_px, window_px) = (length([du, dv]), self.rings.window_px);
-        let is_even = |sums: &Full, within_px: f64| sums.count() == 0.0 || moved_px + within_px <= rings.even_px;
-        is_even(&self.full, window_px.min(self.rings.even_px))
+        let later = rings.felt_by(self.square_px);
+        let is_even = |sums: &Full, within_px: f64| sums.count() == 0.0 || moved_px + within_px <= later.even_px;
+        self.rings.grain == rings.grain
+            && is_even(&self.full, window_px.min(self.rings.even_px))
             && is_even(&self.ground, window_px)
             && moved_px + reach_px <= window_px
-            && self.rings.outline.holds(&rings.outline)
+            && self.rings.outline.holds(&later.outline)
     }
 
     /// Whether the light of another spot falls into it.
@@ -109,6 +123,14 @@ impl Window {
     }
 }
 
+impl Rings {
+    /// For samples of squares, which feel an edge from farther away than pixels.
+    fn felt_by(&self, square_px: f64) -> Self {
+        let farther_px = PIXEL_REACH_PX * (square_px - 1.0);
+        Self { outline: self.outline.widened(farther_px), even_px: self.even_px - farther_px, ..*self }
+    }
+}
+
 impl Samples {
     pub(crate) fn clear(&mut self) {
         self.zones.iter_mut().for_each(|zone| zone.count = 0);
@@ -118,29 +140,63 @@ impl Samples {
     pub(crate) fn read(&mut self, plane: &PlaneView<'_>, noise: &Noise, rings: &Rings) -> Window {
         let rings = Rings { outline: rings.outline.widened(SLACK_PX), even_px: rings.even_px - SLACK_PX, ..*rings };
         let ([u_px, v_px], window_px) = (rings.outline.centre_px, rings.window_px);
+        let pixels = Blocks::of(plane, 1);
         let Span { first, end } = columns(plane, u_px, [-window_px, window_px]);
-        fetch(plane, rows(plane, v_px, window_px), first..end);
-        let mut window = self.read_zones(plane, &rings, rings.even_px >= rings.window_px);
-        if !window.ground.is_even(noise, plane.code_max) {
-            // Something lies on the ground: pixel by pixel it can be left out.
-            self.zones.iter_mut().zip(window.first).for_each(|(zone, first)| zone.count = first);
-            window = self.read_zones(plane, &rings, false);
+        fetch(plane, rows(&pixels, v_px, window_px), first..end);
+        let blocks = (rings.grain > 1).then(|| self.read_blocks(&Blocks::of(plane, rings.grain), noise, &rings));
+        if let Some(window) = blocks.flatten() {
+            return window;
         }
+        let (mut window, _) = self.read_even(&pixels, noise, &rings);
         if !window.full.is_even(noise, plane.code_max) {
             let curves = Curves::of(&rings);
-            let inside = rows(plane, rings.outline.centre_px[1], rings.window_px)
-                .map(|row| curves.row(plane, row))
-                .map(|row| row.full(plane))
+            let inside = rows(&pixels, rings.outline.centre_px[1], rings.window_px)
+                .map(|row| curves.row(&pixels, row))
+                .map(|row| row.full(&pixels))
                 .filter(|row| row.count > 0);
             window.full = window.full.without_foreign(noise, plane.code_max, inside);
         }
         window
     }
 
-    fn read_zones(&mut self, plane: &PlaneView<'_>, rings: &Rings, sums_ground: bool) -> Window {
-        let rows = rows(plane, rings.outline.centre_px[1], rings.window_px);
-        let area = rows.len() * (2.0 * rings.window_px / plane.step_px as f64) as usize;
-        let edge = rings.outline.edge_px2() / (plane.step_px * plane.step_px) as f64;
+    /// Reads blocks, unless some of their pixels have to be left out.
+    fn read_blocks(&mut self, blocks: &Blocks<'_>, noise: &Noise, rings: &Rings) -> Option<Window> {
+        let rings = rings.felt_by(blocks.square_px());
+        let (window, is_whole) = self.read_even(blocks, noise, &rings);
+        let is_whole = is_whole && window.full.is_even(noise, blocks.plane.code_max);
+        if !is_whole {
+            self.forget(&window);
+        }
+        is_whole.then_some(window)
+    }
+
+    /// Reads samples, with sums over the ground where that is even; whether the pixels of every sample are alike.
+    fn read_even(&mut self, blocks: &Blocks<'_>, noise: &Noise, rings: &Rings) -> (Window, bool) {
+        let likeness = Likeness::new(noise, rings.rise, blocks.plane.code_max);
+        let (window, is_whole) = self.read_zones(blocks, &likeness, rings, rings.even_px >= rings.window_px);
+        if window.ground.is_even(noise, blocks.plane.code_max) {
+            return (window, is_whole);
+        }
+        // Something lies on the ground: sample by sample it can be left out.
+        self.forget(&window);
+        self.read_zones(blocks, &likeness, rings, false)
+    }
+
+    /// Takes back the window that was read last.
+    fn forget(&mut self, window: &Window) {
+        self.zones.iter_mut().zip(window.first).for_each(|(zone, first)| zone.count = first);
+    }
+
+    fn read_zones(
+        &mut self,
+        blocks: &Blocks<'_>,
+        likeness: &Likeness,
+        rings: &Rings,
+        sums_ground: bool,
+    ) -> (Window, bool) {
+        let rows = rows(blocks, rings.outline.centre_px[1], rings.window_px);
+        let area = rows.len() * (2.0 * rings.window_px / blocks.step_px) as usize;
+        let edge = rings.outline.edge_px2() / (blocks.step_px * blocks.step_px);
         let every = match area < SAMPLES_FEW {
             true => 1,
             false if edge < QUARTER as f64 * EDGE_MANY => QUARTER,
@@ -148,16 +204,19 @@ impl Samples {
         };
         let first = counts(&self.zones);
         let curves = Curves::of(rings);
-        let mut tallies = rings.levels.map(Tally::about);
-        let Self { zones, line } = self;
+        let mut tallies = rings.levels.map(|level| Tally::about(level, blocks.pixels()));
+        let Self { zones, rows: reading } = self;
         let first_row = rows.start;
         let is_of_quarter = |row: &usize| (row - first_row).is_multiple_of(every);
-        read_rows(plane, &curves, rows.clone().step_by(every), sums_ground, line, zones, &mut tallies);
+        let read = Read { blocks, likeness, curves: &curves, sums_ground };
+        let is_quarter_whole = read_rows(read, rows.clone().step_by(every), reading, zones, &mut tallies);
         let quarter = counts(zones);
         let others = rows.filter(|row| !is_of_quarter(row));
-        read_rows(plane, &curves, others, sums_ground, line, zones, &mut tallies);
+        let are_others_whole = read_rows(read, others, reading, zones, &mut tallies);
         let [full, ground] = tallies.map(Tally::finish);
-        Window { rings: *rings, first, ends: [quarter, counts(zones)], full, ground }
+        let ends = [quarter, counts(zones)];
+        let (pixels, square_px) = (blocks.pixels(), blocks.square_px());
+        (Window { rings: *rings, first, ends, full, ground, pixels, square_px }, is_quarter_whole && are_others_whole)
     }
 
     /// The samples of a window, zone by zone: their codes, and their places about a centre.
@@ -171,6 +230,7 @@ impl Samples {
     ) {
         let [offset_u, offset_v] = window.offset_px(centre_px).map(|offset| offset as f32);
         places.clear();
+        places.square_px = window.square_px as f32;
         codes.clear();
         for (zone, Zone { du, dv, codes: of_zone, .. }) in self.zones.iter().enumerate() {
             let range = window.first[zone]..window.ends[share as usize][zone];
@@ -223,56 +283,68 @@ impl Zone {
     }
 }
 
-/// Adds the pixels of rows to zones, or to the sums over what the spot fills and over the ground.
-#[multiversion(targets("x86_64+avx512f", "x86_64+avx2", "x86_64+avx"))]
-fn read_rows(
-    plane: &PlaneView<'_>,
-    curves: &Curves,
-    rows: impl Iterator<Item = usize>,
+/// What is read of rows, and into what parts.
+#[derive(Clone, Copy)]
+struct Read<'a> {
+    blocks: &'a Blocks<'a>,
+    likeness: &'a Likeness,
+    curves: &'a Curves,
     sums_ground: bool,
-    line: &mut Vec<f32>,
-    zones: &mut [Zone; ZONES],
-    tallies: &mut [Tally; 2],
-) {
-    for row in rows {
-        read_row(plane, &curves.row(plane, row), sums_ground, line, zones, tallies);
-    }
 }
 
-#[inline(always)]
-fn read_row(
-    plane: &PlaneView<'_>,
-    row: &Row,
-    sums_ground: bool,
-    line: &mut Vec<f32>,
-    [edge, inside, beside]: &mut [Zone; ZONES],
-    [full, ground]: &mut [Tally; 2],
-) {
-    let Row { whole, outer, inner, even, .. } = *row;
-    if line.len() < whole.len() {
-        line.resize(whole.len(), 0.0);
+/// Adds the samples of rows to zones, or to the sums over what the spot fills and over the ground; whether the pixels of
+/// every sample are alike.
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2", "x86_64+avx"))]
+fn read_rows(
+    read: Read<'_>,
+    rows: impl Iterator<Item = usize>,
+    reading: &mut Reading,
+    zones: &mut [Zone; ZONES],
+    tallies: &mut [Tally; 2],
+) -> bool {
+    let mut is_whole = true;
+    for row in rows {
+        is_whole &= read.row(row, reading, zones, tallies);
     }
-    let line = &mut line[..whole.len()];
-    let codes = plane.line(row.row).get(whole.first * plane.step_px..).unwrap_or_default();
-    read_every(codes, plane.step_px, f32::from, line);
-    let stretch = |first: usize, end: usize| Stretch {
-        values: &line[first - whole.first..end - whole.first],
-        first_px: row.beside_px(plane, first),
-        step_px: plane.step_px as f64,
-        dv_px: row.dv_px,
-    };
-    for outside in [stretch(whole.first, outer.first), stretch(outer.end, whole.end)] {
-        if sums_ground {
-            ground.add(&outside);
-        } else {
-            beside.add(&outside);
+    is_whole
+}
+
+impl Read<'_> {
+    #[inline(always)]
+    fn row(
+        &self,
+        row: usize,
+        Reading { line, lines }: &mut Reading,
+        [edge, inside, beside]: &mut [Zone; ZONES],
+        [full, ground]: &mut [Tally; 2],
+    ) -> bool {
+        let row = self.curves.row(self.blocks, row);
+        let Row { whole, outer, inner, even, .. } = row;
+        if line.len() < whole.len() {
+            line.resize(whole.len(), 0.0);
         }
+        let line = &mut line[..whole.len()];
+        let is_whole = self.blocks.read(row.row, whole.first, self.likeness, lines, line);
+        let stretch = |first: usize, end: usize| Stretch {
+            values: &line[first - whole.first..end - whole.first],
+            first_px: row.beside_px(self.blocks, first),
+            step_px: self.blocks.step_px,
+            dv_px: row.dv_px,
+        };
+        for outside in [stretch(whole.first, outer.first), stretch(outer.end, whole.end)] {
+            if self.sums_ground {
+                ground.add(&outside);
+            } else {
+                beside.add(&outside);
+            }
+        }
+        edge.add(&stretch(outer.first, inner.first));
+        edge.add(&stretch(inner.end, outer.end));
+        inside.add(&stretch(inner.first, even.first));
+        inside.add(&stretch(even.end, inner.end));
+        full.add(&stretch(even.first, even.end));
+        is_whole
     }
-    edge.add(&stretch(outer.first, inner.first));
-    edge.add(&stretch(inner.end, outer.end));
-    inside.add(&stretch(inner.first, even.first));
-    inside.add(&stretch(even.end, inner.end));
-    full.add(&stretch(even.first, even.end));
 }
 
 /// The window, both sides of the edge and what is even within them, ready to be crossed by rows.
@@ -310,13 +382,13 @@ impl Curves {
     }
 
     #[inline(always)]
-    fn row(&self, plane: &PlaneView<'_>, row: usize) -> Row {
+    fn row(&self, blocks: &Blocks<'_>, row: usize) -> Row {
         // Added to a number below it, it leaves that in the last bits.
         const WHOLE: f64 = 4_503_599_627_370_496.0;
         let [u_px, v_px] = self.centre_px;
-        let dv_px = plane.frame_v_px(row as f64) - v_px;
-        let (middle_px, per_px) = (u_px - plane.origin_px[0] as f64, 1.0 / plane.step_px as f64);
-        let columns = plane.columns as f64;
+        let dv_px = blocks.v_px(row) - v_px;
+        let (middle_px, per_px) = (u_px - blocks.origin_px()[0], 1.0 / blocks.step_px);
+        let columns = blocks.columns as f64;
         let (mut first, mut end) = ([0; CURVES], [0; CURVES]);
         for curve in 0..CURVES {
             let half2_px = self.size2[curve] - self.narrowing[curve] * dv_px * dv_px;
@@ -339,17 +411,18 @@ impl Curves {
 impl Row {
     /// Where a column lies beside the centre, px.
     #[inline(always)]
-    fn beside_px(&self, plane: &PlaneView<'_>, column: usize) -> f64 {
-        plane.frame_u_px(column as f64) - self.u_px
+    fn beside_px(&self, blocks: &Blocks<'_>, column: usize) -> f64 {
+        blocks.u_px(column) - self.u_px
     }
 
-    /// What is even of it.
-    fn full<'a>(&self, plane: &PlaneView<'a>) -> FullRow<'a> {
+    /// What is even of it, of single pixels.
+    fn full<'a>(&self, pixels: &Blocks<'a>) -> FullRow<'a> {
+        let plane = pixels.plane;
         FullRow {
             codes: plane.line(self.row).get(self.even.first * plane.step_px..).unwrap_or_default(),
             step: plane.step_px,
             count: self.even.len(),
-            first_px: self.beside_px(plane, self.even.first),
+            first_px: self.beside_px(pixels, self.even.first),
             dv_px: self.dv_px,
         }
     }
@@ -387,10 +460,10 @@ impl Span {
     }
 }
 
-/// Rows of a plane within a distance of a centre.
-fn rows(plane: &PlaneView<'_>, v_px: f64, radius_px: f64) -> std::ops::Range<usize> {
-    let (origin, step) = (plane.origin_px[1] as f64, plane.step_px as f64);
-    let rows = plane.rows as f64;
+/// Rows within a distance of a centre.
+fn rows(blocks: &Blocks<'_>, v_px: f64, radius_px: f64) -> std::ops::Range<usize> {
+    let (origin, step) = (blocks.origin_px()[1], blocks.step_px);
+    let rows = blocks.rows as f64;
     let first = ((v_px - radius_px - origin) / step).ceil().clamp(0.0, rows) as usize;
     let end = (((v_px + radius_px - origin) / step).floor() + 1.0).clamp(0.0, rows) as usize;
     first..end.max(first)

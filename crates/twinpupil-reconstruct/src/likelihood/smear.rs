@@ -165,7 +165,8 @@ impl Smear {
         let per_rim = 1.0 / self.rim(spot) as f32;
         let [ox, oy] = self.outwards.map(|value| value as f32);
         let (radius_px, blur_px) = (spot.radius_px as f32, spot.blur_px.abs() as f32);
-        let even_half_px = length([spot.blur_px, PIXEL_HALF_PX]) as f32;
+        let square_half_px = PIXEL_HALF_PX * f64::from(places.square_px);
+        let even_half_px = length([spot.blur_px, square_half_px]) as f32;
         let even2_px2 = blur_px * blur_px * (1.0 / 3.0);
         let flatness = xx * yy - xy * yx;
         let edge = places.edge;
@@ -181,7 +182,7 @@ impl Smear {
             let [ru, rv] = [shape_u, shape_v].map(|[along, across]| (along * ex + across * ey) / size);
             let terms = self.terms(n, [ru * ox + rv * oy, rv * ox - ru * oy], per_rim);
             let width = self.width(&terms);
-            let half_px = (width.half_px * width.half_px + (PIXEL_HALF_PX * PIXEL_HALF_PX) as f32).sqrt();
+            let half_px = (width.half_px * width.half_px + (square_half_px * square_half_px) as f32).sqrt();
             let (per_half, narrow) = (1.0 / half_px, width.half_px / half_px);
             let (narrow2, across_px) = (narrow * narrow, (size - radius_px) * per_gradient);
             // What the edge does beyond its own width, by how far across it the light is.

@@ -80,9 +80,16 @@ pub(crate) fn wide(local: &Local, places: &Places, out: &mut Light) {
         let q = edge.q + edge.slanted(beta);
         // Across the edge in px: towards the dot from where the light begins, and outwards from where it is full.
         let (begins, ends) = ((1.0 + beta - q) * edge.px, (q - (1.0 - beta).abs()) * edge.px);
-        let (outer, outer_slope) = reach(begins);
-        let (inner, inner_slope) = reach(ends);
-        let inwards = outer - inner - begins + ends - edge.curvature_px();
+        let per_square = 1.0 / local.square_px;
+        let [(outer, outer_slope), (inner, inner_slope)] = [begins, ends].map(|depth| {
+            let (reach, slope) = reach(depth * per_square);
+            (reach * local.square_px, slope)
+        });
+        // Along the edge its curvature makes a step inwards of the square's extent, across it one outwards of about half of
+        // that: the light changes by `y/q`, y² ∝ ((q + 1)² − β²)(β² − (q − 1)²).
+        let t = q - 1.0;
+        let gone = 0.5 - 0.25 * t + 0.125 * (t * t + beta * beta);
+        let inwards = outer - inner - begins + ends - gone * edge.curvature_px();
         let overlap = Overlap::of(q - inwards * edge.per_px, beta);
         let with_beta = overlap.with_beta - overlap.with_q * (outer_slope - inner_slope);
         let with_q = overlap.with_q * (outer_slope + inner_slope - 1.0);

@@ -33,6 +33,8 @@ pub(crate) struct Judge<'a> {
     spared: f32,
     /// Largest square of a residual over its variance that counts.
     limit: f32,
+    /// Part of a pixel's variance that a sample has, the mean of several.
+    part: f32,
 }
 
 /// Light that no sensor tells from that of the bare ground, codes.
@@ -42,12 +44,13 @@ const BARE_CODES: f32 = 1e-3;
 const SLOPE_MIN: f32 = 1e-3;
 
 impl<'a> Judge<'a> {
-    pub(crate) fn new(black: &'a Black, saturated: f32, limit: f32) -> Self {
+    /// For means of so many `pixels`.
+    pub(crate) fn new(black: &'a Black, saturated: f32, limit: f32, pixels: f32) -> Self {
         const FULL_SIGMAS: f64 = 3.0;
         let noise = black.noise();
         let spread = (FULL_SIGMAS * noise.variance(f64::from(saturated)).sqrt()) as f32;
         let full = saturated - noise.black_level as f32 - spread;
-        Self { black, saturated, full, spared: saturated - 2.0 * spread, limit }
+        Self { black, saturated, full, spared: saturated - 2.0 * spread, limit, part: 1.0 / pixels }
     }
 }
 
@@ -147,12 +150,13 @@ fn weigh_lanes(
         let left = codes[lane] - noise.black_level as f32 - mean[lane];
         let felt = slope[lane] * lit[lane];
         // One division for both.
-        let inverse = 1.0 / (variance[lane] * felt);
+        let variance = judge.part * variance[lane];
+        let inverse = 1.0 / (variance * felt);
         let trust = inverse * felt;
         let full = (codes[lane] >= judge.saturated) | ((lights[lane] > judge.full) & (codes[lane] > judge.spared));
         let out = full | (left * left * trust > judge.limit);
         weights[lane] = if out { 0.0 } else { trust * felt * felt };
-        residuals[lane] = left * inverse * variance[lane];
+        residuals[lane] = left * inverse * variance;
     }
     (weights, residuals)
 }
