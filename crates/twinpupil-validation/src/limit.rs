@@ -31,12 +31,23 @@ pub enum Camera {
     CrookedRgb,
     /// Masks 0.05 mm off the axis, to either side.
     Decentred,
+    /// Every pixel sees both bands, behind a stop that cuts the telecentric band's pencils from r = 5.6 mm on, most of them at
+    /// the end of the plate.
+    Vignetted,
 }
 
 impl Camera {
     /// All of them.
-    pub const ALL: [Self; 7] =
-        [Self::Rgb, Self::Rggb, Self::Dispersive, Self::Mirrored, Self::Crooked, Self::CrookedRgb, Self::Decentred];
+    pub const ALL: [Self; 8] = [
+        Self::Rgb,
+        Self::Rggb,
+        Self::Dispersive,
+        Self::Mirrored,
+        Self::Crooked,
+        Self::CrookedRgb,
+        Self::Decentred,
+        Self::Vignetted,
+    ];
 
     /// The instrument: the paper's, but for what the name says.
     pub fn instrument(self) -> Instrument {
@@ -68,6 +79,7 @@ impl Camera {
                 spec.apertures[0].centre_mm = [0.05, -0.02];
                 spec.apertures[1].centre_mm = [-0.03, 0.05];
             }
+            Self::Vignetted => spec.apertures[2].zones[0].radius_mm = Some(4.5),
             Self::Rgb | Self::Rggb | Self::Dispersive => {}
         }
         if let (Self::Dispersive, Lens::Thin(lens)) = (self, &mut spec.lens) {

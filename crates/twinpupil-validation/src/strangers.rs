@@ -81,7 +81,8 @@ impl Stranger {
         Self { instrument, scene, terms, seed }
     }
 
-    /// The same camera with something unusual before it: few dots, rows of them, dark ones, or uneven light.
+    /// The same camera with something unusual before it: few dots, rows of them, dark ones, or uneven light. In some of them a
+    /// stop cuts pencils of the telecentric band.
     ///
     /// # Panics
     /// If what is drawn is not legal.
@@ -89,8 +90,12 @@ impl Stranger {
         const STREAM: u64 = 0x5eed_0f1e;
         let mut draw = Draw(Pcg64Mcg::seed_from_u64(seed ^ STREAM));
         let stranger = Self::of(seed);
+        let r_max_mm =
+            stranger.scene.dots().iter().map(|dot| dot.centre_mm[0].hypot(dot.centre_mm[1])).fold(0.0, f64::max);
         let scene = unusual(&mut draw, stranger.scene.spec().clone());
-        Self { scene: Scene::new(scene).expect("a legal scene"), ..stranger }
+        let instrument =
+            if draw.sometimes() { vignetted(&mut draw, &stranger.instrument, r_max_mm) } else { stranger.instrument };
+        Self { instrument, scene: Scene::new(scene).expect("a legal scene"), ..stranger }
     }
 
     /// Reads a noisy frame of it.
@@ -143,6 +148,16 @@ fn instrument(draw: &mut Draw, focus_mm: f64) -> Instrument {
         }
     }
     spec.depth_range = Some(DepthRange { near_mm: 0.75 * focus_mm, far_mm: 1.3 * focus_mm });
+    Instrument::new(spec).expect("a legal camera")
+}
+
+/// The camera with its stop so narrow that it cuts pencils of the telecentric band from dots about so far from the axis.
+fn vignetted(draw: &mut Draw, instrument: &Instrument, r_max_mm: f64) -> Instrument {
+    let mut spec = instrument.clone().into_spec();
+    let stop = &mut spec.apertures[2];
+    // The band's chief rays come along the axis and meet it in the focal plane.
+    let height = 1.0 - stop.position_mm / instrument.lens.focal_length_mm();
+    stop.zones[0].radius_mm = Some(draw.between(0.85, 1.1) * height * r_max_mm);
     Instrument::new(spec).expect("a legal camera")
 }
 

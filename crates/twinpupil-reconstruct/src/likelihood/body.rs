@@ -88,6 +88,8 @@ pub(crate) struct BandLight {
     /// The step of u, v, radius, blur and contrast that goes with that of the dot, and that of the background.
     pub(crate) step: SVector<f64, 5>,
     background_step: f64,
+    /// What the pixels then say of u, v, radius and blur, once its neighbours have taken theirs.
+    score: Vector4<f64>,
 }
 
 /// Centre and size of a spot as its own band alone measures them.
@@ -114,6 +116,7 @@ impl BandLight {
             shape: None,
             step: SVector::zeros(),
             background_step: 0.0,
+            score: Vector4::zeros(),
         }
     }
 
@@ -128,11 +131,12 @@ impl BandLight {
         [iu + lu, iv + lv]
     }
 
-    /// Centre and size that explain the band best by themselves, with the blur that depth gives them.
+    /// Centre and size that explain the band best by themselves, with the blur that the dot's last step gives them.
     pub(crate) fn own_centre(&self) -> Option<OwnCentre> {
         let shape = self.shape?;
         let information: Matrix3<f64> = shape.information.fixed_view::<3, 3>(0, 0).into_owned();
-        let score: Vector3<f64> = shape.score.fixed_rows::<3>(0).into_owned();
+        let score = self.score - shape.information.column(3) * self.step[3];
+        let score: Vector3<f64> = score.fixed_rows::<3>(0).into_owned();
         let covariance = information.try_inverse()?;
         let step = covariance * score;
         // What the dot's own step left of it.
@@ -521,10 +525,64 @@ impl BandLight {
     /// The steps of image and light that go with that of the dot.
     fn follow(&mut self, step: &Vector4<f64>, score: &Vector6<f64>) {
         let Some(shape) = &self.shape else { return };
+        self.score = shape.reduced_score(score);
         let image_step = self.jacobian * step;
         let light_step = shape.light_step(score, &image_step);
         self.step.fixed_rows_mut::<4>(0).copy_from(&image_step);
         self.step[4] = light_step.x;
         self.background_step = light_step.y;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Matrix6;
+    use twinpupil_instrument::paper;
+
+    use super::*;
+    use crate::likelihood::pencil::Pencil;
+    use crate::likelihood::spot::Raster;
+
+    /// A band whose pixels ask for this step of u, v, radius, blur, contrast and background.
+    fn asking_for(step: Vector6<f64>) -> BandLight {
+        let instrument = paper::instrument();
+        let pencil = Pencil::of_band(&instrument, &instrument.bands[0], 100.0);
+        let dot = Dot { centre_mm: [1.76, -1.32, 340.0], diameter_mm: 1.0, slopes: [0.0; 2] };
+        let raster = Raster { axis_px: [959.5, 599.5], pitch_mm: 0.00586 };
+        let image = Spot::with_jacobian(&dot, &pencil, raster, None);
+        let mut light = BandLight::new(Sketch { contrast: 1000.0, area_px: 3000.0 }, 0.0, image);
+        let factor = Matrix6::from_fn(|i, k| if i == k { 3.0 } else { ((5 * i + 3 * k) as f64).sin() });
+        let information = 1e5 * factor * factor.transpose();
+        light.normal = Normal { information, score: information * step, ..Normal::default() };
+        light.shape = light.normal.shape();
+        light
+    }
+
+    /// Its own centre and size once the dot's step moves its image so.
+    fn own_after(light: &mut BandLight, image_step: Vector4<f64>) -> OwnCentre {
+        let dot_step = light.jacobian.try_inverse().expect("a dot out of focus") * image_step;
+        light.follow(&dot_step, &light.normal.score.clone());
+        light.own_centre().expect("the pixels tell all six")
+    }
+
+    #[test]
+    fn a_band_agrees_with_a_dot_that_does_what_it_asks_for() {
+        let asked = Vector6::new(0.01, -0.02, 0.03, 0.05, 4.0, -2.0);
+        let mut light = asking_for(asked);
+        let own = own_after(&mut light, asked.fixed_rows::<4>(0).into_owned());
+        assert!(own.chi2 < 1e-9, "{}", own.chi2);
+        let Spot { centre_px: [u, v], radius_px, .. } = light.spot;
+        let left = [own.centre.u - u - asked[0], own.centre.v - v - asked[1], own.radius_px - radius_px - asked[2]];
+        assert!(left.iter().all(|left| left.abs() < 1e-9), "{left:?}");
+    }
+
+    #[test]
+    fn a_band_contradicts_a_dot_by_the_square_of_what_that_leaves_of_it() {
+        let asked = Vector6::new(0.01, -0.02, 0.03, 0.05, 4.0, -2.0);
+        let left = Vector4::new(0.004, 0.0, -0.003, 0.0);
+        let mut light = asking_for(asked);
+        let chi2 = own_after(&mut light, asked.fixed_rows::<4>(0) - left).chi2;
+        let expected = left.dot(&(light.shape.expect("the pixels tell all six").information * left));
+        assert!((chi2 / expected - 1.0).abs() < 1e-9, "{chi2} for {expected}");
     }
 }

@@ -4,6 +4,7 @@
 //! cross a line in one interval. Coordinates are those of the unit disc, the first along the edge's normal.
 
 use std::f32::consts::PI;
+use std::sync::LazyLock;
 
 use crate::likelihood::light::{EdgeView, Local, Places};
 use crate::likelihood::sharp::depth;
@@ -55,6 +56,20 @@ const WEIGHTS: [f32; LINES] = [
     0.066_757_31,
     0.033_956_833,
 ];
+
+/// Lines and their weights where a mask takes little.
+#[inline(always)]
+fn coarse_lines() -> impl Iterator<Item = [f32; 2]> {
+    POSITIONS.into_iter().zip(WEIGHTS).map(<[f32; 2]>::from)
+}
+
+/// The same where it may take most, whose edge bends the lengths of the lines wherever it meets another.
+static FINE_LINES: LazyLock<Vec<[f32; 2]>> = LazyLock::new(|| {
+    const COUNT: usize = 64;
+    let angle_rad = |line: usize| std::f64::consts::PI * (line + 1) as f64 / (COUNT + 1) as f64;
+    let weight = std::f64::consts::PI / (COUNT + 1) as f64;
+    (0..COUNT).map(|line| [angle_rad(line).cos() as f32, (weight * angle_rad(line).sin()) as f32]).collect()
+});
 
 /// Samples and the edge of the dot that is nearest to each.
 pub(crate) struct Edges {
@@ -233,7 +248,7 @@ impl Dots {
 #[inline(always)]
 pub(crate) fn share(dots: Option<&Dots>, circles: &[Circles]) -> Lanes {
     let mut sum = [0.0; LANES];
-    let half = cross(dots, circles, |_, low, high, weight| {
+    let half = cross(dots, circles, coarse_lines(), |_, low, high, weight| {
         for lane in 0..LANES {
             sum[lane] += weight * (high[lane] - low[lane]).max(0.0);
         }
@@ -245,7 +260,7 @@ pub(crate) fn share(dots: Option<&Dots>, circles: &[Circles]) -> Lanes {
 #[inline(always)]
 pub(crate) fn moments(dots: Option<&Dots>, circles: &[Circles]) -> [Lanes; 2] {
     let (mut across, mut along) = ([0.0; LANES], [0.0; LANES]);
-    let half = cross(dots, circles, |x, low, high, weight| {
+    let half = cross(dots, circles, coarse_lines(), |x, low, high, weight| {
         for lane in 0..LANES {
             let weighted = weight * (high[lane] - low[lane]).max(0.0);
             across[lane] += weighted * x[lane];
@@ -255,10 +270,46 @@ pub(crate) fn moments(dots: Option<&Dots>, circles: &[Circles]) -> [Lanes; 2] {
     [across, along].map(|sum| lanes(|lane| sum[lane] * half[lane] / PI))
 }
 
+/// Share of the pupils within all rims and outside the shut circles, which lie apart, and in the dots if there are any.
+#[inline(always)]
+pub(crate) fn passing(dots: Option<&Dots>, shuts: &[Circles], rims: &[Circles]) -> Lanes {
+    let mut sum = [0.0; LANES];
+    let half = cross(dots, rims, FINE_LINES.iter().copied(), |x, low, high, weight| {
+        let open = open_lengths(x, low, high, shuts, &[]);
+        for lane in 0..LANES {
+            sum[lane] += weight * open[lane];
+        }
+    });
+    lanes(|lane| sum[lane] * half[lane] / PI)
+}
+
+/// Lengths of the lines at x, from low to high, within all rims and outside the shut circles, which lie apart.
+#[inline(always)]
+pub(crate) fn open_lengths(x: &Lanes, low: &Lanes, high: &Lanes, shuts: &[Circles], rims: &[Circles]) -> Lanes {
+    let (mut low, mut high) = (*low, *high);
+    for rim in rims {
+        rim.narrow(x, &mut low, &mut high);
+    }
+    let mut open = lanes(|lane| (high[lane] - low[lane]).max(0.0));
+    for shut in shuts {
+        let chord = shut.chord(x);
+        for lane in 0..LANES {
+            let (y, chord) = (shut.y[lane], chord[lane]);
+            open[lane] -= (high[lane].min(y + chord) - low[lane].max(y - chord)).max(0.0);
+        }
+    }
+    lanes(|lane| open[lane].max(0.0))
+}
+
 /// Calls `add` for every line across what lies in all `circles` and in the dots, with where it begins and ends and with what
 /// it counts, and returns half the width of that.
 #[inline(always)]
-fn cross(dots: Option<&Dots>, circles: &[Circles], mut add: impl FnMut(&Lanes, &Lanes, &Lanes, f32)) -> Lanes {
+fn cross(
+    dots: Option<&Dots>,
+    circles: &[Circles],
+    lines: impl IntoIterator<Item = [f32; 2]>,
+    mut add: impl FnMut(&Lanes, &Lanes, &Lanes, f32),
+) -> Lanes {
     let (mut first, mut last) = dots.map_or(([-1.0; LANES], [1.0; LANES]), |dots| (dots.low, dots.high));
     for circle in circles {
         for lane in 0..LANES {
@@ -268,16 +319,12 @@ fn cross(dots: Option<&Dots>, circles: &[Circles], mut add: impl FnMut(&Lanes, &
     }
     let middle = lanes(|lane| 0.5 * (first[lane] + last[lane]));
     let half = lanes(|lane| (0.5 * (last[lane] - first[lane])).max(0.0));
-    for (position, weight) in POSITIONS.iter().zip(WEIGHTS) {
+    for [position, weight] in lines {
         let x = lanes(|lane| middle[lane] + half[lane] * position);
         let mut high = lanes(|lane| (1.0 - x[lane] * x[lane]).max(0.0).sqrt());
         let mut low = lanes(|lane| -high[lane]);
         for circle in circles {
-            let chord = circle.chord(&x);
-            for lane in 0..LANES {
-                low[lane] = low[lane].max(circle.y[lane] - chord[lane]);
-                high[lane] = high[lane].min(circle.y[lane] + chord[lane]);
-            }
+            circle.narrow(&x, &mut low, &mut high);
         }
         if let Some(dots) = dots {
             dots.narrow(&x, &mut low, &mut high);
@@ -293,6 +340,16 @@ impl Circles {
     pub(crate) fn step(&mut self, outwards_px: &Lanes) {
         for (x, outwards_px) in self.x.iter_mut().zip(outwards_px) {
             *x += self.per_px * outwards_px;
+        }
+    }
+
+    /// Narrows the intervals of the lines at x to what lies in the circles.
+    #[inline(always)]
+    fn narrow(&self, x: &Lanes, low: &mut Lanes, high: &mut Lanes) {
+        let chord = self.chord(x);
+        for lane in 0..LANES {
+            low[lane] = low[lane].max(self.y[lane] - chord[lane]);
+            high[lane] = high[lane].min(self.y[lane] + chord[lane]);
         }
     }
 

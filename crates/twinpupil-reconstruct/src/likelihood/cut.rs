@@ -13,7 +13,9 @@
 use multiversion::multiversion;
 use smallvec::SmallVec;
 
-use crate::likelihood::chords::{Circles, Dots, Edges, LANES, LINES, Lanes, POSITIONS, lanes, moments, share};
+use crate::likelihood::chords::{
+    Circles, Dots, Edges, LANES, LINES, Lanes, POSITIONS, lanes, moments, open_lengths, passing, share,
+};
 use crate::likelihood::light::{EdgeView, Light, Local, Places, SHARP_PX, WIDE_PX};
 use crate::likelihood::pencil::Edge;
 use crate::likelihood::sharp::Trapezoid;
@@ -261,7 +263,7 @@ fn close(circle: &Circle, inside: f32, places: &Places, touched: &mut [f32], ope
         };
         let within = radius * radius * within;
         let shut = if inside > 0.0 { within } else { 1.0 - within };
-        let meets = offset - inside * (1.0 + spread) < inside * radius;
+        let meets = inside * (offset - radius) < 1.0 + spread;
         touched[index] = if meets { 1.0 } else { touched[index] };
         open[index] = if meets { (open[index] - shut).clamp(0.0, 1.0) } else { open[index] };
     }
@@ -278,13 +280,6 @@ fn open_by_lines(way: &Way, local: &Local, places: &Places, touched: &[f32], ope
             open[*index as usize] = passing[lane].clamp(0.0, 1.0);
         }
     }
-}
-
-/// Share of the pupils within all rims and outside the shut circles, which lie apart, and in the dots if there are any.
-#[inline(always)]
-fn passing(dots: Option<&Dots>, shuts: &[Circles], rims: &[Circles]) -> Lanes {
-    let [passing] = opened(shuts, rims, |circles| [share(dots, circles)]);
-    passing
 }
 
 /// What `sum` makes of all that lies within the rims, less what it makes of the part of that in each shut circle.
@@ -471,30 +466,8 @@ fn cut_soft(way: &Way, local: &Local, points: Points, places: &Places, indices: 
 fn passes(edges: &Edges, shuts: &[Circles], rims: &[Circles]) -> Lanes {
     let x = lanes(|lane| (edges.straight_px[lane] / edges.blur_px[lane]).clamp(-0.99, 0.99));
     let half = lanes(|lane| (1.0 - x[lane] * x[lane]).sqrt());
-    let open = open_lengths(&x, &half, shuts, rims);
+    let open = open_lengths(&x, &lanes(|lane| -half[lane]), &half, shuts, rims);
     lanes(|lane| open[lane] / (2.0 * half[lane]))
-}
-
-/// Lengths of the lines at x, from −half to half, within all rims and outside the shut circles, which lie apart.
-#[inline(always)]
-fn open_lengths(x: &Lanes, half: &Lanes, shuts: &[Circles], rims: &[Circles]) -> Lanes {
-    let (mut low, mut high) = (lanes(|lane| -half[lane]), *half);
-    for rim in rims {
-        let chord = rim.chord(x);
-        for lane in 0..LANES {
-            low[lane] = low[lane].max(rim.y[lane] - chord[lane]);
-            high[lane] = high[lane].min(rim.y[lane] + chord[lane]);
-        }
-    }
-    let mut open = lanes(|lane| (high[lane] - low[lane]).max(0.0));
-    for shut in shuts {
-        let chord = shut.chord(x);
-        for lane in 0..LANES {
-            let (y, chord) = (shut.y[lane], chord[lane]);
-            open[lane] -= (high[lane].min(y + chord) - low[lane].max(y - chord)).max(0.0);
-        }
-    }
-    lanes(|lane| open[lane].max(0.0))
 }
 
 /// Light and derivatives of nearly sharp edges: every line across the pupil makes a step of its own, as high as the line
@@ -507,7 +480,7 @@ fn cut_sharp(way: &Way, local: &Local, places: &Places, indices: &[u32], out: &m
         let (mut light, mut density, mut with_lines, mut open) =
             ([0.0; LANES], [0.0; LANES], [0.0; LANES], [0.0; LANES]);
         for ((x, half), share) in POSITIONS.into_iter().zip(LINE_HALVES).zip(LINE_SHARES) {
-            let lengths = open_lengths(&[x; LANES], &[half; LANES], &shuts, &rims);
+            let lengths = open_lengths(&[x; LANES], &[-half; LANES], &[half; LANES], &shuts, &rims);
             for lane in 0..LANES {
                 let pixel = Trapezoid::of(edges.normal_u[lane].abs(), edges.normal_v[lane].abs());
                 let (step, slope) = pixel.step(edges.depth_px[lane] - edges.blur_px[lane] * x);
@@ -527,6 +500,45 @@ fn cut_sharp(way: &Way, local: &Local, places: &Places, indices: &[u32], out: &m
             out.with_v[index] = density * edges.normal_v[lane];
             out.with_radius[index] = density * edges.per_gradient[lane];
             out.with_blur[index] = scale * with_lines[lane];
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Share of the unit disc that lies in a circle so far off, by counting.
+    fn counted(offset: f64, radius: f64) -> f64 {
+        const STEPS: i32 = 500;
+        let at = |step: i32| (f64::from(step) + 0.5) / f64::from(STEPS);
+        let discs = (-STEPS..STEPS).flat_map(|y| (-STEPS..STEPS).map(move |x| (at(x), at(y))));
+        let (mut inside, mut all) = (0.0, 0.0);
+        for (x, y) in discs.filter(|(x, y)| x * x + y * y < 1.0) {
+            all += 1.0;
+            inside += f64::from(u8::from((x - offset).hypot(y) < radius));
+        }
+        inside / all
+    }
+
+    #[test]
+    fn circles_shut_what_lies_within_them_and_rims_what_lies_without() {
+        const SHARE_MAX: f64 = 5e-4;
+        let mut places = Places::default();
+        places.push(0.0, 0.0);
+        for (offset, radius) in
+            [(0.0, 0.7), (0.5, 0.4), (0.9, 0.6), (1.2, 0.9), (2.0, 0.8), (2.5, 3.0), (2.5, 3.6), (1.5, 2.2), (4.2, 3.0)]
+        {
+            let circle =
+                Circle { x: 0.6 * offset as f32, y: -0.8 * offset as f32, per_px: 0.01, radius: radius as f32 };
+            let within = counted(offset, radius);
+            for (inside, expected) in [(1.0, 1.0 - within), (-1.0, within)] {
+                let (mut touched, mut open) = ([0.0], [1.0]);
+                close(&circle, inside, &places, &mut touched, &mut open);
+                let case = format!("offset {offset}, radius {radius}, inside {inside}");
+                assert!((f64::from(open[0]) - expected).abs() < SHARE_MAX, "{case}: {} for {expected}", open[0]);
+                assert_eq!(touched[0] > 0.0, expected < 1.0, "{case}");
+            }
         }
     }
 }

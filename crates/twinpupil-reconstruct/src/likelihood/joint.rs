@@ -143,7 +143,7 @@ impl Joint<'_> {
 
     /// Whether a body moves, or a neighbour that is far from its place yet.
     fn is_stirred(&self, index: usize) -> bool {
-        const FAR_SIGMAS: f64 = 20.0;
+        const FAR_SIGMAS: f64 = 6.0;
         let bands = self.bands.len();
         let is_far = |other: &u32| {
             let other = &self.bodies[*other as usize / bands];
@@ -251,8 +251,8 @@ impl Joint<'_> {
             steepness += near.steepness();
         }
         let ground = light.background + view.black.noise().black_level;
-        // Calibration has to be as near to the pixels as can be; where masks cut pencils or lines tell them, light bends.
-        let is_plain = !self.bodies[index].pinned && !is_slanted(&light.spot);
+        // Calibration has to be as near to the pixels as can be; where rims cut pencils or lines tell them, light bends.
+        let is_plain = !self.bodies[index].pinned && !is_slanted(&light.spot) && !light.spot.has_rims();
         let grain = if is_plain { Blocks::grain_for(blur_px, view.plane.step_px) } else { 1 };
         let across_px = ((grain - 1) * view.plane.step_px) as f64 * SQRT_2;
         Rings {

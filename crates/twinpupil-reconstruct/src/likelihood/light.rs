@@ -267,7 +267,7 @@ impl EdgeView {
 
 #[cfg(test)]
 mod tests {
-    use twinpupil_instrument::paper;
+    use twinpupil_instrument::{Instrument, paper};
 
     use super::*;
     use crate::likelihood::blocks::square_px;
@@ -278,6 +278,8 @@ mod tests {
     const L_MM: f64 = 151.0;
     const PITCH_MM: f64 = 0.00586;
     const AXIS_PX: [f64; 2] = [959.5, 599.5];
+    const STOP_MM: f64 = 40.0;
+    const PAPERS_STOP_MM: f64 = 8.0;
 
     /// Below this blur sums run over the pupil first.
     const PUPIL_FIRST_PX: f64 = 1.2;
@@ -309,6 +311,8 @@ mod tests {
         band: usize,
         blur_px: f64,
         is_clipped: bool,
+        /// Radius of the stop.
+        stop_mm: f64,
     }
 
     impl Exact<'_> {
@@ -356,10 +360,22 @@ mod tests {
             [-half, half].map(|half| (per_image * p[1] + half).clamp(-h, h))
         }
 
+        /// The part of the line at x, from −h to h, that the stop leaves.
+        fn stopped(&self, p: [f64; 2], x: f64, h: f64) -> [f64; 2] {
+            let height = |p: f64, w: f64| {
+                let lens = self.lens(p, w);
+                lens - (p + lens) * STOP_MM / L_MM
+            };
+            let outside = |y: f64| height(p[0], x).powi(2) + height(p[1], y).powi(2) - self.stop_mm.powi(2);
+            Self::within(h, outside)
+        }
+
         /// Share of the pencil of an image point that is open and, if asked, meets the dot.
         fn pencil(&self, p: [f64; 2], count: usize, dot: bool) -> f64 {
             let line = |(x, h): (f64, f64)| {
+                let [first, last] = self.stopped(p, x, h);
                 let [low, high] = if dot { Self::within(h, |y| self.outside(p, [x, y])) } else { [-h, h] };
+                let (low, high) = (low.max(first), high.min(last));
                 let [shut_low, shut_high] = self.shut(p, x, h);
                 (high - low - (high.min(shut_high) - low.max(shut_low)).max(0.0)).max(0.0) * h
             };
@@ -389,7 +405,8 @@ mod tests {
             let mut sum = 0.0;
             for (x, h) in lines(CHORDS) {
                 let [shut_low, shut_high] = self.shut(Self::image_mm(pixel), x, h);
-                for (low, high) in [(-h, shut_low), (shut_high, h)] {
+                let [first, last] = self.stopped(Self::image_mm(pixel), x, h);
+                for (low, high) in [(first, shut_low.min(last)), (shut_high.max(first), last)] {
                     for [place, weight] in gauss(&FOUR) {
                         let y = 0.5 * (low + high) + place * (high - low);
                         sum += weight * (high - low) * h / CHORDS as f64 * self.pixel_share(pixel, [x, y]);
@@ -422,17 +439,19 @@ mod tests {
 
     /// Of u, v, radius and blur at 20 000 electrons in every pixel; one of `stride` pixels of as many lines is looked at.
     fn biases(dot: &Dot, band: usize, stride: usize) -> [Bias; 4] {
-        biases_of_blocks(dot, band, stride, 1)
+        biases_of_blocks(dot, band, stride, 1, PAPERS_STOP_MM)
     }
 
     /// The same where means of `grain × grain` pixels of every other column and row are looked at.
-    fn biases_of_blocks(dot: &Dot, band: usize, stride: usize, grain: usize) -> [Bias; 4] {
+    fn biases_of_blocks(dot: &Dot, band: usize, stride: usize, grain: usize, stop_mm: f64) -> [Bias; 4] {
         const STEP_PX: usize = 2;
         use nalgebra::{Matrix6, Vector6};
-        let instrument = paper::instrument();
+        let mut spec = paper::instrument().into_spec();
+        spec.apertures[2].zones[0].radius_mm = Some(stop_mm);
+        let instrument = Instrument::new(spec).unwrap();
         let pencil = Pencil::of_band(&instrument, &instrument.bands[band], F_MM);
         let spot = Spot::of(dot, &pencil, Raster { axis_px: AXIS_PX, pitch_mm: PITCH_MM }, None);
-        let exact = Exact { dot, band, blur_px: spot.blur_px_min(), is_clipped: spot.is_clipped() };
+        let exact = Exact { dot, band, blur_px: spot.blur_px_min(), is_clipped: spot.is_clipped(), stop_mm };
         let reach = spot.reach_px().ceil() + 3.0;
         let (mut information, mut score) = (Matrix6::zeros(), Vector6::zeros());
         let [first_u, first_v] = spot.centre_px.map(|centre_px| (centre_px - reach).floor());
@@ -476,7 +495,7 @@ mod tests {
             for centre_mm in [[4.0, -3.0, z_mm], [1.76, -1.32, z_mm]] {
                 for (slopes, band) in [([0.0; 2], 0), ([0.0; 2], 1), ([0.2, -0.1], 0), ([0.2, -0.1], 1)] {
                     let dot = Dot { centre_mm, diameter_mm: 1.0, slopes };
-                    let bias = biases_of_blocks(&dot, band, 5, 2).map(|bias| bias.px / bias.std_px);
+                    let bias = biases_of_blocks(&dot, band, 5, 2, PAPERS_STOP_MM).map(|bias| bias.px / bias.std_px);
                     if bias.iter().any(|bias| bias.abs() > SIGMAS_MAX) {
                         report.push(format!("{centre_mm:?} {slopes:.2?} {band}: {bias:.2?}"));
                     }
@@ -514,6 +533,23 @@ mod tests {
             assert!(mean.abs() < MEAN_MAX, "{slopes:?}: {mean} {shares:?}");
             assert!(shares.iter().all(|share| share.abs() < SHARE_MAX), "{slopes:?}: {shares:?}");
         }
+    }
+
+    #[test]
+    fn a_stop_that_cuts_pencils_biases_no_unknown() {
+        const NARROW_MM: f64 = 4.5;
+        const SIGMAS_MAX: f64 = 4.0;
+        let mut report = Vec::new();
+        for z_mm in [250.0, 297.5, 303.0, 312.0, 340.0] {
+            for (r_mm, slopes) in [(5.6, [0.0; 2]), (6.4, [0.2, -0.1]), (7.2, [0.0; 2])] {
+                let dot = Dot { centre_mm: [0.8 * r_mm, -0.6 * r_mm, z_mm], diameter_mm: 1.0, slopes };
+                let bias = biases_of_blocks(&dot, 0, 3, 1, NARROW_MM).map(|bias| bias.px / bias.std_px);
+                if !bias.iter().all(|bias| bias.abs() < SIGMAS_MAX) {
+                    report.push(format!("z {z_mm}, r {r_mm}, {slopes:.2?}: {bias:.2?}"));
+                }
+            }
+        }
+        assert!(report.is_empty(), "\n{}", report.join("\n"));
     }
 
     #[test]

@@ -223,6 +223,11 @@ impl Spot {
     pub(crate) fn is_clipped(&self) -> bool {
         self.ways.len() != 1 || !self.ways[0].is_empty()
     }
+
+    /// Whether the rim of a mask takes some of it.
+    pub(crate) fn has_rims(&self) -> bool {
+        self.ways.iter().flatten().any(|edge| edge.passes_inside)
+    }
 }
 
 /// Where a point is imaged and how; or how that changes with its distance, per mm.

@@ -46,3 +46,9 @@ fn tilted_plates_reach_it_too() {
 fn dispersion_is_part_of_the_model() {
     holds(Camera::Dispersive, Pose::Facing(275.0), 20_000.0, 16);
 }
+
+#[test]
+fn a_stop_that_cuts_pencils_is_part_of_it_as_well() {
+    holds(Camera::Vignetted, Pose::Facing(275.0), 20_000.0, 17);
+    holds(Camera::Vignetted, Pose::Facing(325.0), 20_000.0, 18);
+}
