@@ -263,6 +263,9 @@ const CURVATURE_STD: f64 = 1.0;
 const LEVEL_STD_MIN: f64 = 0.002;
 const DOTS_MIN: usize = 6;
 
+/// One of so many dots at least has to show a slope of its own before slopes are believed.
+const OWN_SHARE_MIN: usize = 4;
+
 /// What one dot tells of the field.
 #[derive(Debug, Clone, Copy)]
 struct FieldDot {
@@ -278,7 +281,6 @@ struct FieldDot {
 impl Field {
     /// Through the slopes that single dots show, and through their brightness as far as they are alike.
     fn through(bodies: &[Body], own: &[Option<Growth>], band: usize, glance: &mut Glance) -> Option<Self> {
-        const ROUNDS: usize = 4;
         // So many tell it well enough.
         const DOTS_MAX: usize = 400;
         let Glance { dots, sorted, .. } = glance;
@@ -290,8 +292,14 @@ impl Field {
             let level = light.contrast.abs() / (1.0 - light.spot.falloff());
             tells.then_some(FieldDot { centre_px: light.spot.centre_px, level, own: *own, kept: true, off: 0.0 })
         }));
-        if dots.len() < DOTS_MIN {
-            return None;
+        if dots.len() < DOTS_MIN { None } else { Self::of(dots, sorted) }
+    }
+
+    fn of(dots: &mut [FieldDot], sorted: &mut Vec<f64>) -> Option<Self> {
+        const ROUNDS: usize = 4;
+        // A few that show a slope are those that something else is wrong with, and tell nothing of how much slopes differ.
+        if dots.iter().filter(|dot| dot.own.is_some()).count() * OWN_SHARE_MIN < dots.len() {
+            dots.iter_mut().for_each(|dot| dot.own = None);
         }
         sorted.clear();
         sorted.extend(dots.iter().map(|dot| dot.level));
@@ -409,6 +417,21 @@ mod tests {
     use super::*;
     use crate::likelihood::pencil::Pencil;
     use crate::likelihood::spot::{Dot, Raster};
+
+    #[test]
+    fn a_dot_that_shows_another_slope_does_not_hide_that_of_the_field() {
+        const SLOPE: f64 = 3e-4;
+        let odd = Growth { slope: Vector2::new(-4e-3, 3e-3), information: Matrix2::identity() * 1e7 };
+        let dot = |k: usize| {
+            let centre_px = [300.0 * (k % 6) as f64, 250.0 * (k / 6) as f64];
+            let level = 1.0 + SLOPE * centre_px[0] + 1e-3 * (7.0 * k as f64).sin();
+            FieldDot { centre_px, level, own: (k == 14).then_some(odd), kept: true, off: 0.0 }
+        };
+        let mut dots: Vec<FieldDot> = (0..24).map(dot).collect();
+        let growth = Field::of(&mut dots, &mut Vec::new()).expect("24 dots tell a field").at([0.0, 375.0]);
+        assert!(growth.is_significant(), "{growth:?}");
+        assert!((growth.slope - Vector2::new(SLOPE, 0.0)).norm() < 0.05 * SLOPE, "{growth:?}");
+    }
 
     /// Light of a facing dot at a place beside its centre, point by point of the pupil: even, and where it grows.
     fn point_by_point(spot: &Spot, [du, dv]: [f64; 2], growth: [f64; 2]) -> [f64; 2] {
