@@ -237,7 +237,7 @@ def main():
         return tune(bench)
     for frame in bench["frames"]:
         frame["results"].extend(results(frame, bench, arguments.repeats))
-    print(f"OpenCV {cv2.__version__}, one thread; processor time; ratio: time over that of twinpupil's model mode")
+    print(f"OpenCV {cv2.__version__}; processor time of one thread, but where it says elapsed; ratio: time over that of twinpupil's model mode")
     table(bench)
 
 

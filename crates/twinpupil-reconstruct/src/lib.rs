@@ -39,6 +39,7 @@ mod scout;
 mod shading;
 mod slope;
 mod surface;
+mod threads;
 mod transfer;
 mod unmix;
 mod window;

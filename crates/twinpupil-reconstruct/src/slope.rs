@@ -1,6 +1,7 @@
 //! How the surface under each point is tilted, as its neighbours show it.
 
 use crate::cells::Cells;
+use crate::threads::{for_each_part, part_length};
 
 /// Neighbours through which a plane is laid, the point itself included; and more of them, where their plane is known better:
 /// where the surface is flat as far as they reach, or where the nearest are not in their places yet.
@@ -37,7 +38,8 @@ pub(crate) struct Slopes {
     /// Which of them the surface passes through.
     is_sure: Vec<bool>,
     cells: Cells,
-    near: Nearest,
+    /// One for every thread.
+    near: Vec<Nearest>,
     /// For every point the points about it, as many for each; those nearest to it first.
     lists: Vec<u32>,
     /// The plane through points of the whole frame, once they have moved.
@@ -59,13 +61,22 @@ impl Slopes {
         self.overall = None;
     }
 
-    /// Finds what stands about every point, for points that stay about where they are.
-    pub(crate) fn get_to_know(&mut self) {
+    /// Finds what stands about every point, for points that stay about where they are; so many threads share the work.
+    pub(crate) fn get_to_know(&mut self, threads: usize) {
         let Self { points_mm, cells, near, lists, .. } = self;
-        for place_mm in &*points_mm {
-            find_nearest(points_mm, cells, *place_mm, near);
-            lists.extend(near.iter().map(|(_, index)| *index));
+        let count = AROUND.min(points_mm.len());
+        lists.resize(points_mm.len() * count, 0);
+        if near.len() < threads {
+            near.resize_with(threads, Nearest::default);
         }
+        let length = part_length(points_mm.len(), threads);
+        let parts = points_mm.chunks(length).zip(lists.chunks_mut(length * count.max(1)));
+        for_each_part(parts, &mut near[..threads], threads, |_, (places_mm, lists), near| {
+            for (place_mm, list) in places_mm.iter().zip(lists.chunks_exact_mut(count)) {
+                find_nearest(points_mm, cells, *place_mm, near);
+                list.iter_mut().zip(&*near).for_each(|(place, (_, index))| *place = *index);
+            }
+        });
     }
 
     /// Moves all points, and says through which of them the surface passes.
@@ -83,6 +94,10 @@ impl Slopes {
     /// Slopes dz/dx and dz/dy at a place; `None` where the nearest points do not lie on a plane.
     pub(crate) fn at(&mut self, place_mm: [f64; 3]) -> Option<[f64; 2]> {
         let Self { points_mm, is_sure, cells, near, overall, .. } = self;
+        if near.is_empty() {
+            near.push(Nearest::default());
+        }
+        let near = &mut near[0];
         find_nearest(points_mm, cells, place_mm, near);
         let sure = near.iter().map(|(_, index)| *index as usize).filter(|index| is_sure[*index]);
         slopes_of(sure.map(|index| points_mm[index]), place_mm, *overall)
@@ -288,7 +303,7 @@ mod tests {
     fn slopes_at(points_mm: &[[f64; 3]]) -> Vec<[f64; 2]> {
         let mut slopes = Slopes::default();
         slopes.lay_through(points_mm.iter().copied());
-        slopes.get_to_know();
+        slopes.get_to_know(2);
         let known = (0..points_mm.len()).map(|index| slopes.at_known(index).unwrap_or_default()).collect();
         let at_places: Vec<[f64; 2]> =
             points_mm.iter().map(|point_mm| slopes.at(*point_mm).unwrap_or_default()).collect();
@@ -319,7 +334,7 @@ mod tests {
         let rough_mm = points(|x, y| 300.0 + 0.2 * x - 1.1 * y + 0.5 * (37.0 * x + 11.0 * y * y).sin());
         let mut slopes = Slopes::default();
         slopes.lay_through(rough_mm.iter().copied());
-        slopes.get_to_know();
+        slopes.get_to_know(2);
         slopes.renew(rough_mm.iter().map(|point_mm| (*point_mm, true)));
         let off = |index: usize| {
             let [sx, sy] = slopes.at_known(index).expect("a plane");
@@ -353,15 +368,15 @@ mod tests {
     fn the_nearest_are_the_nearest_of_all() {
         let known_mm: Vec<[f64; 3]> =
             (0..300_u32).map(|k| [f64::from(k * 37 % 101).powf(1.3), f64::from(k * 53 % 97), 300.0]).collect();
-        let mut slopes = Slopes::default();
+        let (mut slopes, mut near) = (Slopes::default(), Nearest::default());
         slopes.lay_through(known_mm.iter().copied());
         for place_mm in [[0.0, 0.0, 0.0], [200.0, 50.0, 0.0], [333.3, 97.1, 0.0], [900.0, -50.0, 0.0], [71.0, 3.0, 0.0]]
         {
-            find_nearest(&slopes.points_mm, &slopes.cells, place_mm, &mut slopes.near);
+            find_nearest(&slopes.points_mm, &slopes.cells, place_mm, &mut near);
             let distance_mm2 = |p: &[f64; 3]| (p[0] - place_mm[0]).powi(2) + (p[1] - place_mm[1]).powi(2);
             let mut all_mm2: Vec<f64> = known_mm.iter().map(distance_mm2).collect();
             all_mm2.sort_by(f64::total_cmp);
-            let mut found_mm2: Vec<f64> = slopes.near.iter().map(|(distance_mm2, _)| *distance_mm2).collect();
+            let mut found_mm2: Vec<f64> = near.iter().map(|(distance_mm2, _)| *distance_mm2).collect();
             found_mm2[..NEAR].sort_by(f64::total_cmp);
             assert_eq!(found_mm2[..NEAR], all_mm2[..NEAR], "{place_mm:?}");
             found_mm2.sort_by(f64::total_cmp);

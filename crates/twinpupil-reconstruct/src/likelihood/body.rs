@@ -6,6 +6,7 @@ use nalgebra::{Cholesky, Const, Matrix3, Matrix4, SVector, Vector3, Vector4, Vec
 use smallvec::SmallVec;
 use twinpupil_instrument::PixelPoint;
 
+use crate::likelihood::coupling::NearLight;
 use crate::likelihood::illumination::shift_px;
 use crate::likelihood::normal::{Normal, Shape};
 use crate::likelihood::pencil::length;
@@ -50,6 +51,8 @@ pub(crate) struct Body {
     pub(crate) doubtful: bool,
     /// Whether the largest code hides how bright it is.
     pub(crate) saturated: bool,
+    /// Its number among the points that the surface is laid through.
+    pub(crate) on_surface: Option<usize>,
     /// Whether its place is given, so that nothing but its light is fitted.
     pub(crate) pinned: bool,
     /// Whether the light of a pinned one is known too, but for a last look.
@@ -61,8 +64,9 @@ pub(crate) struct Body {
     seen_before: Share,
     /// Whether another's light reaches into its window.
     pub(crate) has_neighbours: bool,
-    /// Whether it takes part in the round.
+    /// Whether it takes part in the round, and whether a neighbour of it does.
     pub(crate) moves: bool,
+    pub(crate) is_seen: bool,
     /// How well its pixels are explained, once the last step is taken.
     pub(crate) quality: FitQuality,
 }
@@ -123,6 +127,16 @@ impl BandLight {
     /// How fast its light grows across its edges at most, codes per px: `2/πb`, and as much again for what masks do.
     pub(crate) fn steepness(&self) -> f64 {
         4.0 / PI * self.contrast.abs() / self.spot.edge_px()
+    }
+
+    /// What its neighbours see of it.
+    pub(crate) fn near(&self) -> NearLight {
+        NearLight {
+            spot: self.spot.clone(),
+            contrast: self.contrast,
+            growth: self.growth().map(|slope| slope as f32),
+            steepness: self.steepness(),
+        }
     }
 
     /// Growth of the light along u and v, relative, 1/px: of the illumination, and of what the lens lets through.
@@ -257,6 +271,7 @@ impl Body {
             rounds: 0,
             doubtful,
             saturated: false,
+            on_surface: None,
             pinned: false,
             is_lit: false,
             masked: false,
@@ -264,6 +279,7 @@ impl Body {
             seen_before: Share::Quarter,
             has_neighbours: false,
             moves: true,
+            is_seen: false,
             quality: FitQuality::default(),
         }
     }

@@ -27,17 +27,19 @@ pub(crate) struct Near {
 }
 
 /// A neighbour whose light falls into a window.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct NearLight<'a> {
-    pub(crate) spot: &'a Spot,
+#[derive(Debug, Clone)]
+pub(crate) struct NearLight {
+    pub(crate) spot: Spot,
     pub(crate) contrast: f64,
     /// Growth of the illumination along u and v, 1/px.
     pub(crate) growth: [f32; 2],
+    /// How fast its light grows across its edges at most, codes per px.
+    pub(crate) steepness: f64,
 }
 
 impl Near {
     /// Finds the samples, placed about `about_px`, that a neighbour reaches, and its light there.
-    pub(crate) fn find(&mut self, near: &NearLight<'_>, about_px: [f64; 2], places: &Places) {
+    pub(crate) fn find(&mut self, near: &NearLight, about_px: [f64; 2], places: &Places) {
         let shift = |axis: usize| (about_px[axis] - near.spot.centre_px[axis]) as f32;
         let reach_px = near.spot.reach_px() + PIXEL_REACH_PX * (f64::from(places.square_px) - 1.0);
         let (shift_u, shift_v, reach) = (shift(0), shift(1), reach_px as f32);
@@ -60,12 +62,12 @@ impl Near {
             }
         }
         if !self.index.is_empty() {
-            self.light.fill(near.spot, &self.places);
+            self.light.fill(&near.spot, &self.places);
         }
     }
 
     /// Adds the neighbour's light to that on the samples.
-    pub(crate) fn add(&self, near: &NearLight<'_>, others: &mut [f32]) {
+    pub(crate) fn add(&self, near: &NearLight, others: &mut [f32]) {
         let ([gu, gv], contrast) = (near.growth, near.contrast as f32);
         for (k, sample) in self.index.iter().enumerate() {
             let lit = 1.0 + gu * self.places.du[k] + gv * self.places.dv[k];
@@ -77,7 +79,7 @@ impl Near {
     /// without such pixels.
     pub(crate) fn block(
         &mut self,
-        near: &NearLight<'_>,
+        near: &NearLight,
         contrast: f64,
         own: &Light,
         weights: &Weights,

@@ -8,9 +8,10 @@ use twinpupil_instrument::PlaneView;
 
 use crate::likelihood::body::{BandLight, Body};
 use crate::likelihood::illumination::set_illumination;
-use crate::likelihood::joint::{BandView, Joint};
+use crate::likelihood::joint::Joint;
 use crate::likelihood::refine::{ForwardModel, Sketch, Workspace};
 use crate::likelihood::spot::Dot;
+use crate::likelihood::view::BandView;
 use crate::noise::Noise;
 
 /// A dot whose place in space is given.
@@ -74,7 +75,7 @@ impl ForwardModel {
             let Workspace { bodies, buffers, glance, .. } = workspace;
             bodies.clear();
             bodies.extend(dots.iter().map(|(dot, lights)| body(*dot, lights, views)));
-            let mut joint = Joint { bands: views, bodies, buffers };
+            let mut joint = Joint { bands: views, bodies, buffers, threads: 1 };
             joint.begin();
             look_until_known(&mut joint);
             let before: Vec<bool> = joint.bodies.iter().map(is_unevenly_lit).collect();

@@ -10,12 +10,14 @@ use crate::likelihood::coupling::Coupling;
 use crate::likelihood::covariance::{Patch, covariance};
 use crate::likelihood::departure::Departures;
 use crate::likelihood::illumination::{Glance, set_illumination};
-use crate::likelihood::joint::{BandView, Buffers, Joint};
+use crate::likelihood::joint::{Buffers, Joint};
 use crate::likelihood::pencil::Pencil;
 use crate::likelihood::prior::Prior;
 use crate::likelihood::spot::{Dot, Raster, Spot};
+use crate::likelihood::view::BandView;
 use crate::noise::Noise;
 use crate::slope::Slopes;
+use crate::threads::{for_each, for_each_part, part_length, worthwhile};
 
 /// An instrument's forward model, ready to be compared with pixels.
 #[derive(Debug, Clone)]
@@ -128,7 +130,8 @@ const LOOK_BACK: usize = 4;
 pub(crate) struct Workspace {
     pub(crate) bodies: Vec<Body>,
     pub(crate) buffers: Buffers,
-    patch: Patch,
+    /// One for every thread.
+    patches: Vec<Patch>,
     pub(crate) blacks: Vec<Black>,
     slopes: Slopes,
     chi2s: Vec<f64>,
@@ -168,17 +171,20 @@ impl ForwardModel {
         Self { bands: bands.iter().map(|index| band(*index)).collect() }
     }
 
-    /// The most likely dots, in the order of `seeds`; `None` where a seed led nowhere.
+    /// The most likely dots, in the order of `seeds`; `None` where a seed led nowhere. So many threads share the work.
     pub(crate) fn refine(
         &self,
         planes: &[(PlaneView<'_>, Noise)],
         seeds: &[Seed],
         background: &[f64],
+        threads: usize,
         workspace: &mut Workspace,
         refined: &mut Vec<Option<Refined>>,
     ) {
         let mut blacks = std::mem::take(&mut workspace.blacks);
-        self.look(planes, &mut blacks, |views| Self::refine_views(views, seeds, background, workspace, refined));
+        self.look(planes, &mut blacks, |views| {
+            Self::refine_views(views, seeds, background, threads, workspace, refined)
+        });
         workspace.blacks = blacks;
     }
 
@@ -210,23 +216,28 @@ impl ForwardModel {
         views: &[BandView<'_>],
         seeds: &[Seed],
         background: &[f64],
+        threads: usize,
         workspace: &mut Workspace,
         refined: &mut Vec<Option<Refined>>,
     ) {
-        let Workspace { bodies, buffers, patch, slopes, chi2s, glance, .. } = workspace;
-        bodies.clear();
-        bodies.extend(seeds.iter().map(|seed| body(seed, views, background)));
-        let mut joint = Joint { bands: views, bodies, buffers };
+        let Workspace { bodies, buffers, patches, slopes, chi2s, glance, .. } = workspace;
+        // Bodies are large: those that are there are written over, where they lie.
+        bodies.truncate(seeds.len());
+        for_each(bodies, threads, |index, place| *place = body(&seeds[index], views, background));
+        bodies.extend(seeds[bodies.len()..].iter().map(|seed| body(seed, views, background)));
+        let on_surface = bodies.iter_mut().filter(|body| body.tells_depth());
+        on_surface.enumerate().for_each(|(index, body)| body.on_surface = Some(index));
+        let mut joint = Joint { bands: views, bodies, buffers, threads };
         joint.begin();
         slopes.lay_through(joint.bodies.iter().filter(|body| body.tells_depth()).map(|body| body.dot.centre_mm));
-        slopes.get_to_know();
+        slopes.get_to_know(threads);
         let (mut is_uneven, mut last_looks) = (false, 0);
         for round in 0..ROUNDS {
             renew_surface(joint.bodies, slopes, chi2s);
-            set_slopes(joint.bodies, slopes, |body| !body.rests() || round % LOOK_BACK == LOOK_BACK - 1);
+            set_slopes(joint.bodies, slopes, threads, |body| !body.rests() || round % LOOK_BACK == LOOK_BACK - 1);
             if joint.bodies.iter().all(Body::rests) {
                 // Those that came to rest first may stand on a surface that is known better by now.
-                set_slopes(joint.bodies, slopes, |_| true);
+                set_slopes(joint.bodies, slopes, threads, |_| true);
                 // And their light may grow as nobody could tell before.
                 if (is_uneven || round < LIGHT_ROUNDS[1]) && last_looks < LAST_LOOKS {
                     is_uneven = set_illumination(&mut joint, true, glance);
@@ -244,8 +255,17 @@ impl ForwardModel {
         }
         joint.refresh_moving();
         refined.clear();
-        refined
-            .extend((0..seeds.len()).map(|index| self::refined(joint.bodies, &joint.buffers.couplings, index, patch)));
+        refined.resize(seeds.len(), None);
+        if patches.len() < threads {
+            patches.resize_with(threads, Patch::default);
+        }
+        let (bodies, couplings) = (&*joint.bodies, &joint.buffers.couplings);
+        let length = part_length(seeds.len(), threads);
+        for_each_part(refined.chunks_mut(length), &mut patches[..threads], threads, |number, part, patch| {
+            for (place, refined) in part.iter_mut().enumerate() {
+                *refined = self::refined(bodies, couplings, number * length + place, patch);
+            }
+        });
     }
 
     /// Of all bands, in the order of the instrument's.
@@ -285,19 +305,25 @@ fn renew_surface(bodies: &[Body], slopes: &mut Slopes, chi2s: &mut Vec<f64>) {
 }
 
 /// Gives dots the slopes of the surface: those that are placed lie on it, and the others probably do.
-fn set_slopes(bodies: &mut [Body], slopes: &mut Slopes, is_asked: impl Fn(&Body) -> bool) {
-    let mut placed = 0;
-    for body in bodies {
-        let known = body.tells_depth().then_some(placed);
-        placed += usize::from(body.tells_depth());
-        if !body.alive || !is_asked(body) {
-            continue;
+fn set_slopes(
+    bodies: &mut [Body],
+    slopes: &mut Slopes,
+    threads: usize,
+    is_asked: impl Fn(&Body) -> bool + Sync + Send,
+) {
+    const LEANT_EACH: usize = 32;
+    let known = &*slopes;
+    let asked = bodies.iter().filter(|body| body.alive && is_asked(body)).count();
+    for_each(bodies, worthwhile(asked, LEANT_EACH, threads), |_, body| {
+        if let Some(index) = body.on_surface
+            && body.alive
+            && is_asked(body)
+        {
+            known.at_known(index).into_iter().for_each(|slopes| lean(body, slopes));
         }
-        let found = match known {
-            Some(index) => slopes.at_known(index),
-            None => slopes.at(body.dot.centre_mm),
-        };
-        found.into_iter().for_each(|slopes| lean(body, slopes));
+    });
+    for body in bodies.iter_mut().filter(|body| body.on_surface.is_none() && body.alive && is_asked(body)) {
+        slopes.at(body.dot.centre_mm).into_iter().for_each(|slopes| lean(body, slopes));
     }
 }
 

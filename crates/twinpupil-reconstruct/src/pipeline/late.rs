@@ -66,8 +66,8 @@ impl Reconstructor {
 
     /// Places the pairs that came last, and puts all in the order of their telecentric features.
     pub(super) fn place_late(&self, detections: &[Detection], placing: &mut Placing) {
-        let Placing { groups, points, sightings, .. } = placing;
-        let placed = groups[points.len()..].iter().map(|group| self.point(detections, group, sightings));
+        let Placing { groups, points, .. } = placing;
+        let placed = groups[points.len()..].iter().map(|group| self.point(detections, group));
         points.extend(placed.collect::<Vec<_>>());
         let mut all: Vec<(Group, Option<Placed>)> = groups.drain(..).zip(points.drain(..)).collect();
         all.sort_by_key(|(group, _)| group.pair.telecentric);

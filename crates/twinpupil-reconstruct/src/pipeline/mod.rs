@@ -8,6 +8,7 @@ mod seeds;
 mod shape;
 
 use std::f64::consts::PI;
+use std::num::NonZeroUsize;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use smallvec::SmallVec;
@@ -35,6 +36,7 @@ use crate::register::Register;
 use crate::rejection::{Rejection, RejectionReason};
 use crate::shading::Shading;
 use crate::slope::Slopes;
+use crate::threads::{enter, for_each, worthwhile};
 use crate::unmix::Crosstalk;
 
 /// How points are computed.
@@ -61,6 +63,9 @@ pub struct Options {
     pub matching: MatchOptions,
     /// Where the noise of pixels is known from.
     pub noise: NoiseSource,
+    /// Threads that share the work of one frame, of those of the rayon pool that it is read in. Without a number, frames that
+    /// show many hundreds of dots are shared, others are not; results do not depend on it.
+    pub threads: Option<NonZeroUsize>,
 }
 
 /// A point in space and what it was computed from.
@@ -197,7 +202,6 @@ struct Placing {
     /// The groups that were found last, and their points.
     groups: Vec<Group>,
     points: Vec<Option<Placed>>,
-    sightings: Vec<Sighting>,
 }
 
 /// What one frame is read with, and what was read; used again from frame to frame.
@@ -227,7 +231,8 @@ struct Fitting {
 
 /// An instrument made ready to read frames.
 ///
-/// [`Reconstructor::frame`] is for live use, on codes as they lie in a camera's buffer; once warm it allocates nothing.
+/// [`Reconstructor::frame`] is for live use, on codes as they lie in a camera's buffer; once warm it allocates nothing,
+/// unless threads share a frame ([`Options::threads`]): to wake them may.
 /// [`Reconstructor::reconstruct`] also tells what did not become a point, and many threads may call it at once.
 #[derive(Debug, Clone)]
 pub struct Reconstructor {
@@ -377,16 +382,43 @@ impl Reconstructor {
         let bands = if self.options.mode == Mode::Paper { 2 } else { self.model.bands() };
         detectors.resize_with(bands, Detector::default);
         detections.resize_with(bands, Detection::default);
-        for (band, (detector, detection)) in detectors.iter_mut().zip(&mut *detections).enumerate() {
-            self.detect_plane(&planes, band, detector, detection)?;
-        }
-        self.placed(detections, placing);
-        if self.options.mode == Mode::Model {
-            let views =
-                (0..bands).map(|band| planes.of_band(self.index(band))).collect::<Result<SmallVec<[_; 2]>, _>>()?;
-            self.refine(&views, detections, placing, fitting);
-        }
+        let views = (0..bands).map(|band| planes.of_band(self.index(band))).collect::<Result<SmallVec<[_; 2]>, _>>()?;
+        // The frame before tells how much there will be to do.
+        let threads = self.threads(placing.points.len());
+        enter(threads, || self.detect_planes(&views, threads, detectors, detections));
+        let threads = self.threads(detections.iter().map(|detection| detection.features.len()).min().unwrap_or(0));
+        enter(threads, || {
+            self.placed(detections, threads, placing);
+            if self.options.mode == Mode::Model {
+                self.refine(&views, detections, placing, fitting);
+            }
+        });
         Ok(())
+    }
+
+    fn detect_planes(
+        &self,
+        views: &[(PlaneView<'_>, Noise)],
+        threads: usize,
+        detectors: &mut [Detector],
+        detections: &mut [Detection],
+    ) {
+        let bands = detectors.iter_mut().zip(detections).zip(views);
+        for_each(&mut bands.collect::<SmallVec<[_; 2]>>(), threads, |band, ((detector, detection), view)| {
+            self.detect_plane(band, view, detector, detection);
+        });
+    }
+
+    /// How many threads share the work of a frame with so many dots.
+    fn threads(&self, dots: usize) -> usize {
+        const DOTS_EACH: usize = 200;
+        const DOTS_EACH_AT_LEAST: usize = 8;
+        let most = match self.options.threads {
+            Some(threads) => worthwhile(dots, DOTS_EACH_AT_LEAST, threads.get()),
+            None => dots / DOTS_EACH,
+        };
+        // Those who never share work need no pool.
+        if most > 1 { most.min(rayon::current_num_threads()) } else { 1 }
     }
 
     fn check_size(&self, frame: FrameView<'_>) -> Result<(), ReconstructError> {
@@ -445,7 +477,8 @@ impl Reconstructor {
     ) {
         self.collect_seeds(detections, placing, fitting);
         let Fitting { seeds, workspace, refined, .. } = fitting;
-        self.forward.refine(planes, seeds, background, workspace, refined);
+        let threads = self.threads(seeds.len());
+        self.forward.refine(planes, seeds, background, threads, workspace, refined);
     }
 
     /// Features that were found before, with the centres of all their light.
@@ -478,9 +511,8 @@ impl Reconstructor {
         points: &mut [Option<Placed>],
         is_other: &[bool],
     ) {
-        let mut sightings = Vec::new();
         for ((place, group), _) in points.iter_mut().zip(groups).zip(is_other).filter(|(_, is_other)| **is_other) {
-            if let Some(again) = self.point(detections, group, &mut sightings) {
+            if let Some(again) = self.point(detections, group) {
                 *place = Some(again);
             }
         }
@@ -489,9 +521,9 @@ impl Reconstructor {
         for (placed, _) in points.iter_mut().zip(is_other).filter(|(_, is_other)| **is_other) {
             if let Some(placed) = placed {
                 let slopes = slopes.at(placed.point.position_mm);
-                self.place_again(placed, slopes.unwrap_or_default(), &mut sightings);
+                self.place_again(placed, slopes.unwrap_or_default());
                 placed.widen(birge_ratio2(placed.point.match_chi2, placed.point.match_dof));
-                self.doubt_shape(placed, slopes, &sightings);
+                self.doubt_shape(placed, slopes);
             }
         }
     }
@@ -539,7 +571,7 @@ impl Reconstructor {
     /// [`Reconstructor::reconstruct`] does once it has detected. The telecentric and the entocentric band come first.
     pub fn points_from(&self, detections: &[Detection]) -> Reconstruction {
         let mut placing = Placing::default();
-        self.placed(detections, &mut placing);
+        self.placed(detections, 1, &mut placing);
         self.account(detections, &placing)
     }
 
@@ -553,7 +585,7 @@ impl Reconstructor {
         let planes = self.planes(frame.into())?;
         let mut detection = Detection::default();
         if let Some(band) = (0..self.model.bands()).find(|band| self.model.index(*band) == index) {
-            self.detect_plane(&planes, band, &mut Detector::default(), &mut detection)?;
+            self.detect_plane(band, &planes.of_band(index)?, &mut Detector::default(), &mut detection);
         }
         Ok(detection)
     }
@@ -564,12 +596,11 @@ impl Reconstructor {
 
     fn detect_plane(
         &self,
-        planes: &Planes<'_>,
         band: usize,
+        (plane, noise): &(PlaneView<'_>, Noise),
         detector: &mut Detector,
         detection: &mut Detection,
-    ) -> Result<(), FrameError> {
-        let (plane, noise) = planes.of_band(self.index(band))?;
+    ) {
         let stated = self.band(band);
         let [u, v] = self.instrument.axis_px(stated);
         let estimator = match self.options.mode {
@@ -578,9 +609,8 @@ impl Reconstructor {
             Mode::Model => Estimator::Rough,
         };
         detector.options = DetectOptions { estimator, ..self.options.detect };
-        detector.detect_shaded(&plane, Some(&noise), self.shading(band, &plane), detection);
+        detector.detect_shaded(plane, Some(noise), self.shading(band, plane), detection);
         self.registers[band].onto_image_plane(detection);
-        Ok(())
     }
 
     /// What the masks leave of an even ground, computed with the first frame; `None` without a response table, or for
@@ -623,15 +653,16 @@ impl Reconstructor {
 
     /// The point of every pair; first by the pair alone and as if all features faced the camera, then with the tilt of
     /// the surface that their neighbours show and with what the further bands show at the place where it is predicted.
-    fn placed(&self, detections: &[Detection], placing: &mut Placing) {
-        let Placing { matcher, slopes, pairs, groups, points, sightings } = placing;
+    fn placed(&self, detections: &[Detection], threads: usize, placing: &mut Placing) {
+        let Placing { matcher, slopes, pairs, groups, points } = placing;
         let epipole = Epipole::new(&self.model, &self.instrument.sensor, self.instrument.depth_range());
         let [telecentric, entocentric] = [0, 1].map(|band| &detections[band].features[..]);
         matcher.pair_up(&epipole, telecentric, entocentric, &self.options.matching, pairs);
         groups.clear();
         groups.extend(pairs.drain(..).map(Group::of));
         points.clear();
-        points.extend(groups.iter().map(|group| self.point(detections, group, sightings)));
+        points.resize(groups.len(), None);
+        for_each(points, threads, |place, point| *point = self.point(detections, &groups[place]));
         if self.options.mode == Mode::Paper {
             return;
         }
@@ -644,7 +675,7 @@ impl Reconstructor {
         if tilts || detections.len() > 2 {
             for placed in points.iter_mut().flatten() {
                 let slopes = if tilts { slopes.at(placed.point.position_mm).unwrap_or_default() } else { [0.0; 2] };
-                self.place_again(placed, slopes, sightings);
+                self.place_again(placed, slopes);
             }
         }
     }
@@ -680,8 +711,15 @@ impl Reconstructor {
         Sighting { band, image, std_mm: feature.centre_std_px.map(|std_px| std_px * sensor.pitch_mm) }
     }
 
+    /// Where all bands see a point.
+    fn sightings(&self, placed: &Placed) -> SmallVec<[Sighting; 4]> {
+        let Placed { point: Point { telecentric, entocentric, .. }, further } = placed;
+        let features = [Some(telecentric), Some(entocentric)].into_iter().chain(further.iter().map(Option::as_ref));
+        features.enumerate().filter_map(|(band, feature)| Some(self.sighting(band, feature?))).collect()
+    }
+
     /// The point of one group by its pair alone, on a surface that faces the camera.
-    fn point(&self, detections: &[Detection], group: &Group, sightings: &mut Vec<Sighting>) -> Option<Placed> {
+    fn point(&self, detections: &[Detection], group: &Group) -> Option<Placed> {
         let Match { telecentric, entocentric, azimuth_residual_px, ambiguous } = group.pair;
         let features = [detections[0].features[telecentric], detections[1].features[entocentric]];
         let measured = [self.sighting(0, &features[0]), self.sighting(1, &features[1])];
@@ -691,9 +729,8 @@ impl Reconstructor {
         } else {
             let start_mm = first_order_position_mm(&self.instrument, &self.model, &measured)?;
             let diameter_mm = self.apparent_diameter_mm(&features, start_mm[2]);
-            sightings.clear();
-            sightings.extend_from_slice(&measured);
-            (model_position(&self.model, sightings, &Disc { diameter_mm, slopes: [0.0; 2] }, start_mm)?, diameter_mm)
+            let disc = Disc { diameter_mm, slopes: [0.0; 2] };
+            (model_position(&self.model, &measured, &disc, start_mm)?, diameter_mm)
         };
         // What a pair leaves is how far it lies beside its azimuth.
         let azimuth_std_px =
@@ -717,18 +754,15 @@ impl Reconstructor {
     }
 
     /// Places a point anew on a surface with slopes, by what all bands show of it; what was known of it tells its size.
-    fn place_again(&self, placed: &mut Placed, slopes: [f64; 2], sightings: &mut Vec<Sighting>) {
+    fn place_again(&self, placed: &mut Placed, slopes: [f64; 2]) {
         let features = [placed.point.telecentric, placed.point.entocentric];
         let start_mm = placed.point.position_mm;
         // A tilted disc looks smaller by the cosine of its tilt.
         let foreshortening = 1.0 / (1.0 + slopes[0].powi(2) + slopes[1].powi(2)).sqrt();
         let diameter_mm = self.apparent_diameter_mm(&features, start_mm[2]) / foreshortening.sqrt();
-        sightings.clear();
-        sightings.extend(features.iter().enumerate().map(|(band, feature)| self.sighting(band, feature)));
-        let further = placed.further.iter().enumerate();
-        sightings.extend(further.filter_map(|(k, feature)| Some(self.sighting(2 + k, feature.as_ref()?))));
+        let sightings = self.sightings(placed);
         let disc = Disc { diameter_mm, slopes };
-        if let Some(position) = model_position(&self.model, sightings, &disc, start_mm)
+        if let Some(position) = model_position(&self.model, &sightings, &disc, start_mm)
             && placed.settle(&position, diameter_mm)
             && sightings.len() > 2
         {

@@ -2,7 +2,7 @@
 
 use super::{Placed, Reconstructor};
 use crate::model::Disc;
-use crate::position::{Sighting, model_position};
+use crate::position::model_position;
 
 /// A surface may lean either way by about 45° where nothing tells its slopes.
 const SLOPE_STD: f64 = 1.0;
@@ -14,12 +14,13 @@ impl Reconstructor {
     /// Adds to the covariance of a point that is read by moments how far it moves if its shape is another than the disc that
     /// was taken for it: all light in its middle, so that masks shade no part of it more than others, and, where no surface is
     /// known, a disc that leans. Each is taken as one deviation.
-    pub(super) fn doubt_shape(&self, placed: &mut Placed, slopes: Option<[f64; 2]>, sightings: &[Sighting]) {
+    pub(super) fn doubt_shape(&self, placed: &mut Placed, slopes: Option<[f64; 2]>) {
+        let sightings = self.sightings(placed);
         let point = &mut placed.point;
         let (own, diameter_mm) = (slopes.unwrap_or_default(), point.diameter_mm);
         let start_mm = point.position_mm;
         let mut doubt = |disc: Disc, share: f64| {
-            let Some(other) = model_position(&self.model, sightings, &disc, start_mm) else { return };
+            let Some(other) = model_position(&self.model, &sightings, &disc, start_mm) else { return };
             let off_mm: [f64; 3] = std::array::from_fn(|axis| other.position_mm[axis] - start_mm[axis]);
             for (row, a_mm) in point.covariance_mm2.iter_mut().zip(off_mm) {
                 row.iter_mut().zip(off_mm).for_each(|(covariance, b_mm)| *covariance += share * a_mm * b_mm);

@@ -1,10 +1,11 @@
-//! Reads frames again and again on one thread and prints processor time and errors as JSON, for `bench/run`, which sets OpenCV
-//! beside them: `side_by_side [--repeats N] SCENE.toml FRAME.png …`, frames of the paper's camera.
+//! Reads frames again and again on one thread, and in model mode on all, and prints times and errors as JSON, for `bench/run`,
+//! which sets OpenCV beside them: `side_by_side [--repeats N] SCENE.toml FRAME.png …`, frames of the paper's camera.
 
 use std::error::Error;
 use std::hint::black_box;
 use std::io::{self, Write};
-use std::time::Duration;
+use std::num::NonZeroUsize;
+use std::time::{Duration, Instant};
 use std::{env, fs};
 
 use cpu_time::ThreadTime;
@@ -117,7 +118,9 @@ fn frame_bench(instrument: &Instrument, scene: &str, path: &str, repeats: usize)
     let bounds = dot_bounds(instrument, &scene, &ResponseMatrix::ideal(&instrument.bands), PUPIL_SAMPLES)?;
     let bounds = bounds.iter().map(|bound| bound.map(|bound| bound.std_mm()[2]));
     let dots: Vec<TrueDot> = scene.dots().iter().zip(bounds).map(|(dot, bound)| true_dot(dot, bound)).collect();
-    let results = [Mode::Model, Mode::Centroid].map(|mode| mode_bench(instrument, mode, &frame, &dots, repeats));
+    let all = NonZeroUsize::new(rayon::current_num_threads()).unwrap_or(NonZeroUsize::MIN);
+    let ways = [(Mode::Model, NonZeroUsize::MIN), (Mode::Model, all), (Mode::Centroid, NonZeroUsize::MIN)];
+    let results = ways.map(|(mode, threads)| mode_bench(instrument, mode, threads, &frame, &dots, repeats));
     let results = results.into_iter().collect::<Result<Vec<_>, _>>()?;
     Ok(FrameBench { name: scene.name.clone(), frame: path.to_owned(), dots, results })
 }
@@ -141,28 +144,34 @@ fn read_frame(instrument: &Instrument, path: &str) -> Result<Frame, Box<dyn Erro
 fn mode_bench(
     instrument: &Instrument,
     mode: Mode,
+    threads: NonZeroUsize,
     frame: &Frame,
     dots: &[TrueDot],
     repeats: usize,
 ) -> Result<ModeBench, Box<dyn Error>> {
     let table = response_table_for(instrument)?;
-    let mut reader = Reconstructor::new(instrument.clone(), Some(table), Options { mode, ..Options::default() });
+    let options = Options { mode, threads: Some(threads), ..Options::default() };
+    let mut reader = Reconstructor::new(instrument.clone(), Some(table), options);
     let codes = &frame.pages()[0];
     // The first frame warms up.
     let points = reader.frame(codes)?.to_vec();
     let mut times: Vec<Duration> = Vec::with_capacity(repeats);
     for _ in 0..repeats.max(1) {
-        // Processor time, so that what else the machine does costs neither program much.
-        let start = ThreadTime::now();
+        // Processor time, so that what else the machine does costs neither program much; of several threads the time that
+        // passes, which is what they are for.
+        let (start, start_of_thread) = (Instant::now(), ThreadTime::now());
         black_box(reader.frame(black_box(codes))?);
-        times.push(start.elapsed());
+        times.push(if threads.get() == 1 { start_of_thread.elapsed() } else { start.elapsed() });
     }
     times.sort();
     let ms = |time: Duration| 1000.0 * time.as_secs_f64();
     let errors = errors(&points, dots);
     let over_bound = |r_min_mm: f64| rms(errors.iter().filter(|error| error.r_mm >= r_min_mm).map(|e| e.over_bound));
     Ok(ModeBench {
-        method: format!("twinpupil, {} mode", format!("{mode:?}").to_lowercase()),
+        method: match threads.get() {
+            1 => format!("twinpupil, {} mode", format!("{mode:?}").to_lowercase()),
+            threads => format!("same, {threads} threads, elapsed"),
+        },
         median_ms: ms(times[times.len() / 2]),
         least_ms: ms(times[0]),
         dots: counted(dots).count(),

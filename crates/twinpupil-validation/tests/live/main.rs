@@ -1,5 +1,7 @@
 //! Live use: frames read from a camera's buffer. A test of its own, because the allocator of the whole program counts.
 
+use std::num::NonZeroUsize;
+
 use allocation_counter::measure;
 use twinpupil_instrument::paper;
 use twinpupil_optics::response_table_for;
@@ -40,6 +42,23 @@ fn the_points_are_those_of_the_frame_read_by_itself() {
         let frame = rig.frame(&pose.scene(seed), Some(seed));
         let points = reader.frame(&frame.pages()[0]).expect("a frame of this camera");
         assert_eq!(points, rig.read(&frame).points, "{pose:?}");
+    }
+}
+
+#[test]
+fn the_points_do_not_depend_on_how_many_threads_share_a_frame() {
+    let rig = Rig::new(paper::instrument(), Mode::Model);
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().expect("three threads");
+    for (pose, threads) in [(Pose::Facing(265.0), 2), (Pose::Tilted(45.0), 3)] {
+        let frame = rig.frame(&pose.scene(5), Some(6));
+        let instrument = paper::instrument();
+        let table = response_table_for(&instrument).ok();
+        let options = Options { threads: NonZeroUsize::new(threads), ..Options::default() };
+        let mut reader = Reconstructor::new(instrument, table, options);
+        for _ in 0..2 {
+            let points = pool.install(|| reader.frame(&frame.pages()[0]).map(<[Point]>::to_vec));
+            assert_eq!(points.expect("a frame of this camera"), rig.read(&frame).points, "{pose:?}");
+        }
     }
 }
 
