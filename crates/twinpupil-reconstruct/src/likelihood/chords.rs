@@ -83,6 +83,7 @@ pub(crate) struct Edges {
     pub(crate) depth_px: Lanes,
     pub(crate) blur_px: Lanes,
     /// See [`EdgeView`].
+    pub(crate) curvature: Lanes,
     pub(crate) curvature_px: Lanes,
     pub(crate) per_gradient: Lanes,
     /// Distance and share of the points that stand for the squares of the pixels, see [`EdgeView::pixel_points`].
@@ -137,6 +138,7 @@ impl Edges {
             straight_px: [0.0; LANES],
             depth_px: [0.0; LANES],
             blur_px: [0.0; LANES],
+            curvature: [0.0; LANES],
             curvature_px: [0.0; LANES],
             per_gradient: [0.0; LANES],
             point_px: [0.0; LANES],
@@ -147,6 +149,7 @@ impl Edges {
             (edges.normal_u[lane], edges.normal_v[lane]) = (edge.normal_u, edge.normal_v);
             (edges.straight_px[lane], edges.depth_px[lane]) = ((1.0 - edge.q) * edge.px, depth(&edge));
             (edges.blur_px[lane], edges.curvature_px[lane]) = (edge.blur_px, edge.curvature_px());
+            edges.curvature[lane] = edge.curvature;
             edges.per_gradient[lane] = edge.per_gradient;
             (edges.point_px[lane], edges.point_share[lane]) = edge.pixel_points();
         }

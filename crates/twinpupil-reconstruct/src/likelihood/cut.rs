@@ -13,6 +13,7 @@
 use multiversion::multiversion;
 use smallvec::SmallVec;
 
+use crate::likelihood::arcs::left;
 use crate::likelihood::chords::{
     Circles, Dots, Edges, LANES, LINES, Lanes, POSITIONS, lanes, moments, open_lengths, passing, share,
 };
@@ -448,26 +449,19 @@ fn cut_soft(way: &Way, local: &Local, points: Points, places: &Places, indices: 
         } else {
             points.mean(local, &edges, [&shuts, &rims], |dots, [shuts, rims]| passing(Some(dots), shuts, rims))
         };
-        let passes = passes(&edges, &shuts, &rims);
+        let left = left(&edges, &shuts, &rims);
         for (lane, index) in indices.iter().enumerate() {
             let index = *index as usize;
-            let (uncut, light) = (out.light[index].max(1e-6), light[lane].max(0.0));
-            out.light[index] = light;
-            out.with_u[index] *= passes[lane];
-            out.with_v[index] *= passes[lane];
-            out.with_radius[index] *= passes[lane];
-            out.with_blur[index] *= light / uncut;
+            let (cos, sin) = (edges.normal_u[lane], edges.normal_v[lane]);
+            // What the whole edge would bring if all of it moved outwards.
+            let edge = out.with_radius[index] / edges.per_gradient[lane];
+            out.light[index] = light[lane].max(0.0);
+            out.with_u[index] += edge * (left.across[lane] * cos - left.along[lane] * sin);
+            out.with_v[index] += edge * (left.across[lane] * sin + left.along[lane] * cos);
+            out.with_radius[index] *= left.share[lane];
+            out.with_blur[index] -= edge * left.blur[lane];
         }
     }
-}
-
-/// The part of a dot's edge across a pencil that the masks leave in the light.
-#[inline(always)]
-fn passes(edges: &Edges, shuts: &[Circles], rims: &[Circles]) -> Lanes {
-    let x = lanes(|lane| (edges.straight_px[lane] / edges.blur_px[lane]).clamp(-0.99, 0.99));
-    let half = lanes(|lane| (1.0 - x[lane] * x[lane]).sqrt());
-    let open = open_lengths(&x, &lanes(|lane| -half[lane]), &half, shuts, rims);
-    lanes(|lane| open[lane] / (2.0 * half[lane]))
 }
 
 /// Light and derivatives of nearly sharp edges: every line across the pupil makes a step of its own, as high as the line

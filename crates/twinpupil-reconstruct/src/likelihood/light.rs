@@ -582,4 +582,74 @@ mod tests {
         }
         assert!(report.is_empty(), "\n{}", report.join("\n"));
     }
+
+    /// How far the derivatives of the light are from its differences, over those, root mean square over the pixels.
+    fn derivative_errors(spot: &Spot) -> [f64; 4] {
+        const STEP_PX: f64 = 0.05;
+        let reach = spot.reach_px().ceil() as i32;
+        let pixels: Vec<[f64; 2]> = (-reach..reach)
+            .step_by(2)
+            .flat_map(|v| (-reach..reach).step_by(2).map(move |u| [f64::from(u), f64::from(v)]))
+            .collect();
+        let fill = |spot: &Spot, moved_px: [f64; 2]| {
+            let (mut places, mut light) = (Places::default(), Light::default());
+            pixels.iter().for_each(|[u, v]| places.push((u - moved_px[0]) as f32, (v - moved_px[1]) as f32));
+            light.fill(spot, &places);
+            light
+        };
+        let at = fill(spot, [0.0; 2]);
+        let moved = |unknown: usize, step_px: f64| {
+            let mut spot = spot.clone();
+            let mut moved_px = [0.0; 2];
+            match unknown {
+                0 | 1 => {
+                    spot.centre_px[unknown] += step_px;
+                    moved_px[unknown] = step_px;
+                }
+                2 => spot.radius_px += step_px,
+                _ => spot.blur_px += step_px,
+            }
+            fill(&spot, moved_px).light
+        };
+        let derivatives = [&at.with_u, &at.with_v, &at.with_radius, &at.with_blur];
+        [0, 1, 2, 3].map(|unknown| {
+            let (more, less) = (moved(unknown, STEP_PX), moved(unknown, -STEP_PX));
+            let (mut errors2, mut all2) = (0.0, 0.0);
+            for (k, (more, less)) in more.iter().zip(&less).enumerate() {
+                let difference = f64::from(more - less) / (2.0 * STEP_PX);
+                errors2 += (f64::from(derivatives[unknown][k]) - difference).powi(2);
+                all2 += difference.powi(2);
+            }
+            (errors2 / all2).sqrt()
+        })
+    }
+
+    #[test]
+    fn derivatives_are_those_of_the_light() {
+        // With the place and the radius, and with the blur; of dots that pencils reach around, whose edges bend within them.
+        const ERROR_MAX: [f64; 2] = [0.04, 0.06];
+        const ERROR_MAX_SMALL: [f64; 2] = [0.2, 0.25];
+        let places = [(250.0, [0.0; 2]), (270.0, [0.0; 2]), (270.0, [0.4, -0.3]), (325.0, [0.0; 2]), (350.0, [0.0; 2])];
+        let mut report = Vec::new();
+        // Whole pencils, and such as masks or a narrow stop cut.
+        for (stop_mm, r_mm, diameter_mm) in
+            [(8.0, 5.0, 1.0), (8.0, 2.2, 1.0), (4.5, 5.8, 1.0), (4.5, 7.2, 1.0), (8.0, 2.2, 0.25), (4.5, 6.5, 0.25)]
+        {
+            let mut spec = paper::instrument().into_spec();
+            spec.apertures[2].zones[0].radius_mm = Some(stop_mm);
+            let instrument = Instrument::new(spec).unwrap();
+            for (band, (z_mm, slopes)) in [0, 1].into_iter().flat_map(|band| places.map(|place| (band, place))) {
+                let pencil = Pencil::of_band(&instrument, &instrument.bands[band], F_MM);
+                let dot = Dot { centre_mm: [0.8 * r_mm, -0.6 * r_mm, z_mm], diameter_mm, slopes };
+                let spot = Spot::of(&dot, &pencil, Raster { axis_px: AXIS_PX, pitch_mm: PITCH_MM }, None);
+                let [u, v, radius, blur] = derivative_errors(&spot);
+                let error_max = if diameter_mm < 0.5 { ERROR_MAX_SMALL } else { ERROR_MAX };
+                if u.max(v).max(radius) > error_max[0] || blur > error_max[1] {
+                    let case = format!("stop {stop_mm}, r {r_mm}, {diameter_mm}, band {band}, z {z_mm}, {slopes:?}");
+                    report.push(format!("{case}: {u:.3} {v:.3} {radius:.3} {blur:.3}"));
+                }
+            }
+        }
+        assert!(report.is_empty(), "\n{}", report.join("\n"));
+    }
 }

@@ -1,5 +1,6 @@
 //! Maximum likelihood: the dots whose modelled light explains the pixels best.
 
+mod arcs;
 pub(crate) mod black;
 mod blocks;
 pub(crate) mod body;
