@@ -94,7 +94,7 @@ impl Stranger {
             stranger.scene.dots().iter().map(|dot| dot.centre_mm[0].hypot(dot.centre_mm[1])).fold(0.0, f64::max);
         let scene = unusual(&mut draw, stranger.scene.spec().clone());
         let instrument =
-            if draw.sometimes() { vignetted(&mut draw, &stranger.instrument, r_max_mm) } else { stranger.instrument };
+            if draw.sometimes() { vignetted(&mut draw, stranger.instrument, r_max_mm) } else { stranger.instrument };
         Self { instrument, scene: Scene::new(scene).expect("a legal scene"), ..stranger }
     }
 
@@ -152,11 +152,12 @@ fn instrument(draw: &mut Draw, focus_mm: f64) -> Instrument {
 }
 
 /// The camera with its stop so narrow that it cuts pencils of the telecentric band from dots about so far from the axis.
-fn vignetted(draw: &mut Draw, instrument: &Instrument, r_max_mm: f64) -> Instrument {
-    let mut spec = instrument.clone().into_spec();
+fn vignetted(draw: &mut Draw, instrument: Instrument, r_max_mm: f64) -> Instrument {
+    let focal_length_mm = instrument.lens.focal_length_mm();
+    let mut spec = instrument.into_spec();
     let stop = &mut spec.apertures[2];
     // The band's chief rays come along the axis and meet it in the focal plane.
-    let height = 1.0 - stop.position_mm / instrument.lens.focal_length_mm();
+    let height = 1.0 - stop.position_mm / focal_length_mm;
     stop.zones[0].radius_mm = Some(draw.between(0.85, 1.1) * height * r_max_mm);
     Instrument::new(spec).expect("a legal camera")
 }

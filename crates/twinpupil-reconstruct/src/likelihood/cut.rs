@@ -285,7 +285,7 @@ fn open_by_lines(way: &Way, local: &Local, places: &Places, touched: &[f32], ope
 
 /// What `sum` makes of all that lies within the rims, less what it makes of the part of that in each shut circle.
 #[inline(always)]
-fn opened<const N: usize>(shuts: &[Circles], rims: &[Circles], sum: impl Fn(&[Circles]) -> [Lanes; N]) -> [Lanes; N] {
+fn opened(shuts: &[Circles], rims: &[Circles], sum: impl Fn(&[Circles]) -> [Lanes; 2]) -> [Lanes; 2] {
     let mut opened = sum(rims);
     let mut circles: SmallVec<[Circles; 3]> = SmallVec::from_slice(rims);
     for shut in shuts {

@@ -442,7 +442,7 @@ mod tests {
         biases_of_blocks(dot, band, stride, 1, PAPERS_STOP_MM)
     }
 
-    /// The same where means of `grain × grain` pixels of every other column and row are looked at.
+    /// The same where means of `grain × grain` pixels of every other column and row are looked at, behind a stop of this radius.
     fn biases_of_blocks(dot: &Dot, band: usize, stride: usize, grain: usize, stop_mm: f64) -> [Bias; 4] {
         const STEP_PX: usize = 2;
         use nalgebra::{Matrix6, Vector6};
