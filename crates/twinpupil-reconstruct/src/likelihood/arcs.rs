@@ -50,8 +50,11 @@ pub(crate) fn left(edges: &Edges, shuts: &[Circles], rims: &[Circles]) -> Left {
         let bend = edges.curvature[lane] * edges.blur_px[lane];
         1.0 / bend.abs().max(STRAIGHTEST).copysign(bend)
     });
-    // Halved three times, h is half a piece.
-    let half2 = lanes(|lane| ((1.0 - x[lane] * x[lane]) / (4.0 * rho[lane] * (rho[lane] - x[lane]))).clamp(0.0, 1.0));
+    // Halved three times, h is half a piece. All of an edge lies in the pupil that bends around before its middle.
+    let half2 = lanes(|lane| {
+        let bound = 4.0 * rho[lane] * (rho[lane] - x[lane]);
+        if bound > 0.0 { ((1.0 - x[lane] * x[lane]) / bound).min(1.0) } else { 1.0 }
+    });
     let half2 = halved(&half2);
     let sin = lanes(|lane| half2[lane].sqrt());
     let cos = lanes(|lane| (1.0 - half2[lane]).sqrt());
