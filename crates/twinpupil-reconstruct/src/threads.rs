@@ -19,6 +19,23 @@ pub(crate) fn for_each<T: Send>(items: &mut [T], threads: usize, work: impl Fn(u
     }
 }
 
+/// Calls `work` with the items that are chosen, on as many threads as those are worth.
+pub(crate) fn for_each_chosen<T: Send>(
+    items: &mut [T],
+    items_each: usize,
+    threads: usize,
+    is_chosen: impl Fn(&T) -> bool + Send + Sync,
+    work: impl Fn(&mut T) + Send + Sync,
+) {
+    let chosen = || items.iter().filter(|item| is_chosen(item)).count();
+    let threads = if threads > 1 { worthwhile(chosen(), items_each, threads) } else { 1 };
+    for_each(items, threads, |_, item| {
+        if is_chosen(item) {
+            work(item);
+        }
+    });
+}
+
 /// Calls `work` with the number of every part, the part, and the desk that is the part's.
 pub(crate) fn for_each_part<P: Send, D: Send>(
     parts: impl Iterator<Item = P>,

@@ -1,4 +1,4 @@
-//! The part of a dot's edge that masks leave in a pencil.
+//! The part of a dot's edge that masks take from a pencil.
 //!
 //! The light of a pencil changes with the dot as its edge moves across the pupil,
 //!
@@ -15,15 +15,15 @@
 
 use crate::likelihood::chords::{Circles, Edges, LANES, Lanes, lanes};
 
-/// What masks leave of an edge, over its length without them: what they add to the integrals above, and the part of it that
-/// they leave.
-pub(crate) struct Left {
+/// What masks take from an edge, over its length without them: from the integrals above.
+#[derive(Default)]
+pub(crate) struct Taken {
     /// Of n, across the edge where it is nearest and along it.
     pub(crate) across: Lanes,
     pub(crate) along: Lanes,
+    pub(crate) length: Lanes,
     /// Of w·n.
     pub(crate) blur: Lanes,
-    pub(crate) share: Lanes,
 }
 
 /// Pieces of the arc on either side of its middle.
@@ -33,18 +33,10 @@ const PIECES: usize = 4;
 const FARTHEST: f32 = 0.99;
 const STRAIGHTEST: f32 = 1e-3;
 
-/// Sums over pieces of arcs: of 1, of both parts of the normal, and of `w·n`.
-#[derive(Default)]
-struct Sums {
-    length: Lanes,
-    across: Lanes,
-    along: Lanes,
-    blur: Lanes,
-}
-
-/// What the masks leave of the edges, light being outside the shut circles and inside the rims.
+/// What the masks take from the edges, light being outside the shut circles and inside the rims.
 #[inline(always)]
-pub(crate) fn left(edges: &Edges, shuts: &[Circles], rims: &[Circles]) -> Left {
+pub(crate) fn taken(edges: &Edges, shuts: &[Circles], rims: &[Circles]) -> Taken {
+    const PIECE: f32 = 0.5 / PIECES as f32;
     let x = lanes(|lane| (edges.straight_px[lane] / edges.blur_px[lane]).clamp(-FARTHEST, FARTHEST));
     let rho = lanes(|lane| {
         let bend = edges.curvature[lane] * edges.blur_px[lane];
@@ -61,7 +53,7 @@ pub(crate) fn left(edges: &Edges, shuts: &[Circles], rims: &[Circles]) -> Left {
     let half2 = halved(&half2);
     let mut at = [lanes(|lane| half2[lane].sqrt()), lanes(|lane| (1.0 - half2[lane]).sqrt())];
     let per_piece = lanes(|lane| 0.5 / (rho[lane] * at[0][lane]).abs().max(1e-6));
-    let (mut whole, mut open) = (Sums::default(), Sums::default());
+    let mut taken = Taken::default();
     for _ in 0..PIECES {
         let [sin_at, cos_at] = at;
         let depth = lanes(|lane| rho[lane] * (1.0 - cos_at[lane]));
@@ -77,8 +69,11 @@ pub(crate) fn left(edges: &Edges, shuts: &[Circles], rims: &[Circles]) -> Left {
             for lane in 0..LANES {
                 let (sin, cos) = (side * sin_at[lane], cos_at[lane]);
                 let blur = x[lane] * cos + depth[lane];
-                whole.add(lane, 1.0, [sin, cos], blur);
-                open.add(lane, share[lane], [sin, cos], blur);
+                let piece = PIECE * (1.0 - share[lane]);
+                taken.across[lane] += piece * cos;
+                taken.along[lane] += piece * sin;
+                taken.length[lane] += piece;
+                taken.blur[lane] += piece * blur;
             }
         }
         for lane in 0..LANES {
@@ -86,29 +81,13 @@ pub(crate) fn left(edges: &Edges, shuts: &[Circles], rims: &[Circles]) -> Left {
             at[1][lane] = cos_at[lane] * cos[lane] - sin_at[lane] * sin[lane];
         }
     }
-    const WHOLE: f32 = 0.5 / PIECES as f32;
-    Left {
-        across: lanes(|lane| WHOLE * (open.across[lane] - whole.across[lane])),
-        along: lanes(|lane| WHOLE * (open.along[lane] - whole.along[lane])),
-        blur: lanes(|lane| WHOLE * (open.blur[lane] - whole.blur[lane])),
-        share: lanes(|lane| WHOLE * open.length[lane]),
-    }
+    taken
 }
 
 /// sin²(a/2) of sin² a.
 #[inline(always)]
 fn halved(sin2: &Lanes) -> Lanes {
     lanes(|lane| sin2[lane] / (2.0 + 2.0 * (1.0 - sin2[lane]).sqrt()))
-}
-
-impl Sums {
-    #[inline(always)]
-    fn add(&mut self, lane: usize, share: f32, [sin, cos]: [f32; 2], blur: f32) {
-        self.length[lane] += share;
-        self.across[lane] += share * cos;
-        self.along[lane] += share * sin;
-        self.blur[lane] += share * blur;
-    }
 }
 
 impl Circles {

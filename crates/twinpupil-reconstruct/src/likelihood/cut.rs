@@ -13,7 +13,7 @@
 use multiversion::multiversion;
 use smallvec::SmallVec;
 
-use crate::likelihood::arcs::left;
+use crate::likelihood::arcs::taken;
 use crate::likelihood::chords::{
     Circles, Dots, Edges, LANES, LINES, Lanes, POSITIONS, lanes, moments, open_lengths, passing, share,
 };
@@ -449,17 +449,17 @@ fn cut_soft(way: &Way, local: &Local, points: Points, places: &Places, indices: 
         } else {
             points.mean(local, &edges, [&shuts, &rims], |dots, [shuts, rims]| passing(Some(dots), shuts, rims))
         };
-        let left = left(&edges, &shuts, &rims);
+        let taken = taken(&edges, &shuts, &rims);
         for (lane, index) in indices.iter().enumerate() {
             let index = *index as usize;
             let (cos, sin) = (edges.normal_u[lane], edges.normal_v[lane]);
             // What the whole edge would bring if all of it moved outwards.
             let edge = out.with_radius[index] / edges.per_gradient[lane];
             out.light[index] = light[lane].max(0.0);
-            out.with_u[index] += edge * (left.across[lane] * cos - left.along[lane] * sin);
-            out.with_v[index] += edge * (left.across[lane] * sin + left.along[lane] * cos);
-            out.with_radius[index] *= left.share[lane];
-            out.with_blur[index] -= edge * left.blur[lane];
+            out.with_u[index] -= edge * (taken.across[lane] * cos - taken.along[lane] * sin);
+            out.with_v[index] -= edge * (taken.across[lane] * sin + taken.along[lane] * cos);
+            out.with_radius[index] *= 1.0 - taken.length[lane];
+            out.with_blur[index] += edge * taken.blur[lane];
         }
     }
 }

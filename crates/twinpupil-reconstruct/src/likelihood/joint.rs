@@ -8,7 +8,7 @@ use crate::likelihood::illumination::shift_px;
 use crate::likelihood::measure::{Desk, Surroundings};
 use crate::likelihood::neighbours::{Circle, Neighbours};
 use crate::likelihood::view::BandView;
-use crate::threads::{for_each, for_each_part, part_length, worthwhile};
+use crate::threads::{for_each, for_each_chosen, for_each_part, part_length, worthwhile};
 
 /// Buffers that are used again from frame to frame.
 #[derive(Debug, Clone, Default)]
@@ -68,12 +68,11 @@ impl Joint<'_> {
         self.measure(&moving);
         self.solve(&moving);
         let bands = self.bands;
-        for_each(self.bodies, worthwhile(moving.len(), MOVED_EACH, self.threads), |_, body| {
-            if body.moves {
-                body.advance();
-                if body.rests() {
-                    refresh(bands, body, 0.0);
-                }
+        let moves = |body: &Body| body.moves;
+        for_each_chosen(self.bodies, MOVED_EACH, self.threads, moves, |body| {
+            body.advance();
+            if body.rests() {
+                refresh(bands, body, 0.0);
             }
         });
         self.buffers.moving = moving;
@@ -95,11 +94,9 @@ impl Joint<'_> {
     /// Brings the images of all bodies up to date that do not rest.
     pub(crate) fn refresh_moving(&mut self) {
         let bands = self.bands;
-        let moving = self.bodies.iter().filter(|body| !body.rests()).count();
-        for_each(self.bodies, worthwhile(moving, MOVED_EACH, self.threads), |_, body| {
-            if !body.rests() {
-                refresh(bands, body, body.softening_px());
-            }
+        let is_restless = |body: &Body| !body.rests();
+        for_each_chosen(self.bodies, MOVED_EACH, self.threads, is_restless, |body| {
+            refresh(bands, body, body.softening_px());
         });
     }
 

@@ -17,7 +17,7 @@ use crate::likelihood::spot::{Dot, Raster, Spot};
 use crate::likelihood::view::BandView;
 use crate::noise::Noise;
 use crate::slope::Slopes;
-use crate::threads::{for_each, for_each_part, part_length, worthwhile};
+use crate::threads::{for_each, for_each_chosen, for_each_part, part_length};
 
 /// An instrument's forward model, ready to be compared with pixels.
 #[derive(Debug, Clone)]
@@ -313,15 +313,16 @@ fn set_slopes(
 ) {
     const LEANT_EACH: usize = 32;
     let known = &*slopes;
-    let asked = bodies.iter().filter(|body| body.alive && is_asked(body)).count();
-    for_each(bodies, worthwhile(asked, LEANT_EACH, threads), |_, body| {
-        if let Some(index) = body.on_surface
-            && body.alive
-            && is_asked(body)
-        {
-            known.at_known(index).into_iter().for_each(|slopes| lean(body, slopes));
-        }
-    });
+    for_each_chosen(
+        bodies,
+        LEANT_EACH,
+        threads,
+        |body| body.alive && is_asked(body),
+        |body| {
+            let found = body.on_surface.and_then(|index| known.at_known(index));
+            found.into_iter().for_each(|slopes| lean(body, slopes));
+        },
+    );
     for body in bodies.iter_mut().filter(|body| body.on_surface.is_none() && body.alive && is_asked(body)) {
         slopes.at(body.dot.centre_mm).into_iter().for_each(|slopes| lean(body, slopes));
     }
