@@ -66,19 +66,16 @@ impl Ground {
         survey.sample(plane);
         let codes = &survey.codes[..];
         let side = polarity.unwrap_or_else(|| longer_tail(codes));
-        let share = if side == Polarity::Bright { GROUND_SHARE } else { 1.0 - GROUND_SHARE };
-        let mut tiles = [0.0_f32; TILES[0] * TILES[1]];
-        for (level, tile) in tiles.iter_mut().zip(codes.chunks_exact(TILE_SAMPLES * TILE_SAMPLES)) {
-            *level = f32::from(code_quantile(tile, share));
-        }
-        let (lowest, highest) = tiles.iter().fold((f32::MAX, f32::MIN), |(a, b), &t| (a.min(t), b.max(t)));
-        let start = quantile(&mut tiles, 0.5);
+        let mut levels = tile_levels(codes, side, GROUND_SHARE);
+        let tiles = levels;
+        let start = quantile(&mut levels, 0.5);
         let (level, scatter) = level_and_scatter(codes, start, side);
         let known = noise.map(|noise| noise.variance(level).sqrt() as f32);
         let pixel_noise = known.unwrap_or(0.0).max(scatter).max(ROUNDING_NOISE);
         // Light that grows across the frame scatters its levels too.
         let known = known.unwrap_or_else(|| measured_noise(plane) as f32);
-        if highest - lowest <= EVEN_SIGMAS * pixel_noise.min(NOISIER * known.max(ROUNDING_NOISE)) {
+        let tolerance = EVEN_SIGMAS * pixel_noise.min(NOISIER * known.max(ROUNDING_NOISE));
+        if is_even(&tiles, codes, side, tolerance) {
             return Self { polarity: side, level, pixel_noise, surface: None };
         }
         let surface = Background::estimate(plane, polarity, noise, shading);
@@ -141,6 +138,29 @@ impl Survey {
     pub(crate) fn places(&self) -> &[[u32; 2]] {
         &self.places
     }
+}
+
+/// The level of every tile, if so much of it is ground.
+fn tile_levels(codes: &[u16], side: Polarity, ground_share: f64) -> [f32; TILES[0] * TILES[1]] {
+    let share = if side == Polarity::Bright { ground_share } else { 1.0 - ground_share };
+    let mut levels = [0.0; TILES[0] * TILES[1]];
+    for (level, tile) in levels.iter_mut().zip(codes.chunks_exact(TILE_SAMPLES * TILE_SAMPLES)) {
+        *level = f32::from(code_quantile(tile, share));
+    }
+    levels
+}
+
+/// Whether tiles differ by no more than a tolerance; of a few, so crowded that they seem lit, less than of others is ground.
+fn is_even(tiles: &[f32; TILES[0] * TILES[1]], codes: &[u16], side: Polarity, tolerance: f32) -> bool {
+    const CROWDED_GROUND_SHARE: f64 = 0.05;
+    const CROWDED_MAX: usize = TILES[0] * TILES[1] / 8;
+    let sign = side.sign() as f32;
+    let lowest = tiles.iter().map(|level| sign * level).fold(f32::MAX, f32::min);
+    let is_lit = |level: &f32| sign * level > lowest + tolerance;
+    let lit = tiles.iter().filter(|level| is_lit(level)).count();
+    lit == 0
+        || lit <= CROWDED_MAX
+            && tile_levels(codes, side, CROWDED_GROUND_SHARE).iter().filter(|level| is_lit(level)).count() == 0
 }
 
 /// The polarity whose tail about the median is the longer.
@@ -223,6 +243,16 @@ mod tests {
     fn a_slope_is_a_surface() {
         let ground = ground(|u, v| 1000 + u as u16 / 8 + noise(u, v));
         assert!(ground.surface.is_some());
+    }
+
+    #[test]
+    fn a_crowd_of_features_is_no_surface_and_a_lamp_is_one() {
+        let near = |u: usize, v: usize, radius: usize| u.abs_diff(180).pow(2) + v.abs_diff(150).pow(2) < radius.pow(2);
+        let is_dot = |u: usize, v: usize| u % 20 > 1 && v % 20 > 1;
+        let crowd = ground(|u, v| 100 + noise(u, v) + if near(u, v, 60) && is_dot(u, v) { 900 } else { 0 });
+        assert!(crowd.surface.is_none());
+        let lamp = ground(|u, v| 100 + noise(u, v) + if near(u, v, 60) { 900 } else { 0 });
+        assert!(lamp.surface.is_some());
     }
 
     #[test]
