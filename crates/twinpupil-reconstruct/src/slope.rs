@@ -1,5 +1,7 @@
 //! How the surface under each point is tilted, as its neighbours show it.
 
+use multiversion::multiversion;
+
 use crate::cells::Cells;
 use crate::threads::{for_each_part, part_length};
 
@@ -44,7 +46,6 @@ pub(crate) struct Slopes {
     lists: Vec<u32>,
     /// The plane through points of the whole frame, once they have moved.
     overall: Option<Fit>,
-    sample_mm: Vec<[f64; 3]>,
 }
 
 impl Slopes {
@@ -66,12 +67,9 @@ impl Slopes {
         let Self { points_mm, cells, near, lists, .. } = self;
         let count = AROUND.min(points_mm.len());
         lists.resize(points_mm.len() * count, 0);
-        if near.len() < threads {
-            near.resize_with(threads, Nearest::default);
-        }
         let length = part_length(points_mm.len(), threads);
         let parts = points_mm.chunks(length).zip(lists.chunks_mut(length * count.max(1)));
-        for_each_part(parts, &mut near[..threads], threads, |_, (places_mm, lists), near| {
+        for_each_part(parts, near, threads, |_, (places_mm, lists), near| {
             for (place_mm, list) in places_mm.iter().zip(lists.chunks_exact_mut(count)) {
                 find_nearest(points_mm, cells, *place_mm, near);
                 list.iter_mut().zip(&*near).for_each(|(place, (_, index))| *place = *index);
@@ -83,12 +81,11 @@ impl Slopes {
     pub(crate) fn renew(&mut self, points_mm: impl Iterator<Item = ([f64; 3], bool)>) {
         let places = self.points_mm.iter_mut().zip(&mut self.is_sure);
         places.zip(points_mm).for_each(|((place_mm, is_sure), new)| (*place_mm, *is_sure) = new);
-        let Self { points_mm, is_sure, sample_mm, .. } = self;
+        let Self { points_mm, is_sure, .. } = self;
         let sure_mm =
             || points_mm.iter().zip(&*is_sure).filter(|(_, is_sure)| **is_sure).map(|(point_mm, _)| *point_mm);
-        sample_mm.clear();
-        sample_mm.extend(sure_mm().step_by(sure_mm().count().div_ceil(OVERALL).max(1)));
-        self.overall = sample_mm.first().copied().and_then(|origin_mm| Fit::through(sample_mm, origin_mm));
+        let sample_mm = || sure_mm().step_by(sure_mm().count().div_ceil(OVERALL).max(1));
+        self.overall = sample_mm().next().and_then(|origin_mm| fit_overall(&Cloud::of(sample_mm(), origin_mm)));
     }
 
     /// Slopes dz/dx and dz/dy at a place; `None` where the nearest points do not lie on a plane.
@@ -178,16 +175,137 @@ fn keep_nearest(found: &mut Nearest, count: usize) -> f64 {
 /// A curved surface scatters more as more of it is taken. By scatter alone, few points that happen to lie on some plane would
 /// count for more than many whose places are still rough.
 fn slopes_of(about_mm: impl Iterator<Item = [f64; 3]>, place_mm: [f64; 3], overall: Option<Fit>) -> Option<[f64; 2]> {
-    let mut points_mm = [[0.0; 3]; AROUND];
-    let count = points_mm.iter_mut().zip(about_mm).map(|(point_mm, about_mm)| *point_mm = about_mm).count();
-    let (mut near_mm, mut all_mm) = (points_mm, points_mm);
-    let near = Fit::through(&mut near_mm[..count.min(NEAR)], place_mm);
-    let all = if count > NEAR { Fit::through(&mut all_mm[..count], place_mm) } else { None };
+    let cloud = Cloud::<AROUND_LANES>::of(about_mm, place_mm);
+    let [near, all] = fits_about(&cloud);
     let std = |fit: Option<Fit>| fit.map_or(f64::INFINITY, |fit| fit.slope_std());
     let local = if std(all) < std(near) { all } else { near };
     let is_rough = std(local) > ROUGH_SLOPE_STD && std(overall) < std(local);
     let fit = if is_rough { overall } else { local };
     fit.filter(Fit::is_believed).map(|fit| fit.plane.slopes)
+}
+
+/// Numbers side by side, and how many of them hold what belongs together.
+const LANES: usize = 8;
+const AROUND_LANES: usize = AROUND.next_multiple_of(LANES);
+const OVERALL_LANES: usize = OVERALL.next_multiple_of(LANES);
+
+/// Points as one of them, or a place amid them, sees them, mm; behind the last are zeros.
+#[derive(Debug, Clone)]
+struct Cloud<const N: usize> {
+    origin_mm: [f64; 3],
+    x: [f64; N],
+    y: [f64; N],
+    z: [f64; N],
+    count: usize,
+}
+
+/// The planes through the nearest points of a cloud, and through all if there are more.
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
+fn fits_about(cloud: &Cloud<AROUND_LANES>) -> [Option<Fit>; 2] {
+    [cloud.fit(cloud.count.min(NEAR)), if cloud.count > NEAR { cloud.fit(cloud.count) } else { None }]
+}
+
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
+fn fit_overall(cloud: &Cloud<OVERALL_LANES>) -> Option<Fit> {
+    cloud.fit(cloud.count)
+}
+
+impl<const N: usize> Cloud<N> {
+    fn of(points_mm: impl Iterator<Item = [f64; 3]>, origin_mm: [f64; 3]) -> Self {
+        let mut cloud = Self { origin_mm, x: [0.0; N], y: [0.0; N], z: [0.0; N], count: 0 };
+        let places = cloud.x.iter_mut().zip(&mut cloud.y).zip(&mut cloud.z);
+        for (((x, y), z), point_mm) in places.zip(points_mm) {
+            [*x, *y, *z] = [0, 1, 2].map(|axis| point_mm[axis] - origin_mm[axis]);
+            cloud.count += 1;
+        }
+        cloud
+    }
+
+    /// The plane through the first points, without those that lie farthest off it, two in nine.
+    #[inline(always)]
+    fn fit(&self, count: usize) -> Option<Fit> {
+        const FEWEST: usize = 5;
+        let mut counts = [0.0; N];
+        counts[..count].fill(1.0);
+        let first = self.plane(&counts, count as f64)?;
+        let kept = count - (count / 4).min(count.saturating_sub(FEWEST));
+        if kept < FEWEST {
+            return None;
+        }
+        let off2 = self.off2(&first, count);
+        let mut farther = [0.0; N];
+        for other in &off2[..count] {
+            for (farther, off2) in farther.iter_mut().zip(&off2) {
+                *farther += if other > off2 { 1.0 } else { 0.0 };
+            }
+        }
+        // Of those that are as far off as one another all are kept.
+        let left_out = (count - kept) as f64;
+        for (counts, farther) in counts[..count].iter_mut().zip(&farther) {
+            *counts = if *farther < left_out { 0.0 } else { 1.0 };
+        }
+        let kept = counts.iter().sum::<f64>();
+        if kept < FEWEST as f64 {
+            return None;
+        }
+        let plane = self.plane(&counts, kept)?;
+        let off2 = self.off2(&plane, count);
+        let squares: f64 = off2.iter().zip(&counts).map(|(off2, counts)| off2 * counts).sum();
+        Some(Fit { plane, scatter_mm2: squares / (kept - 3.0) })
+    }
+
+    /// Squares of the distances of the first points from a plane along z, mm².
+    #[inline(always)]
+    fn off2(&self, plane: &Plane, count: usize) -> [f64; N] {
+        let [x0, y0, z0] = [0, 1, 2].map(|axis| plane.origin_mm[axis] - self.origin_mm[axis]);
+        let ([sx, sy], mut off2) = (plane.slopes, [0.0; N]);
+        let places = self.x.iter().zip(&self.y).zip(&self.z).take(count.next_multiple_of(LANES));
+        for (off2, ((x, y), z)) in off2.iter_mut().zip(places) {
+            let off = (z - z0) - sx * (x - x0) - sy * (y - y0);
+            *off2 = off * off;
+        }
+        off2
+    }
+
+    /// The plane `z = z₀ + s·(x − x₀)` through those points that count, by least squares; `None` if they stand in one place.
+    ///
+    /// Points in a line tell the slope along it alone. Their errors lie along their chief rays, so that a plane through them
+    /// and the camera would seem to be as good as any: nothing is seen of a surface that stands edge on.
+    #[inline(always)]
+    fn plane(&self, counts: &[f64; N], count: f64) -> Option<Plane> {
+        const LINE: f64 = 1e-5;
+        let [x, y, z, counts] = [&self.x, &self.y, &self.z, counts].map(|column| column.as_chunks::<LANES>().0);
+        let mut sums = [[0.0; LANES]; 8];
+        for chunk in 0..N / LANES {
+            for lane in 0..LANES {
+                let (x, y) = (counts[chunk][lane] * x[chunk][lane], counts[chunk][lane] * y[chunk][lane]);
+                let z = counts[chunk][lane] * z[chunk][lane];
+                sums[0][lane] += x;
+                sums[1][lane] += y;
+                sums[2][lane] += z;
+                sums[3][lane] += x * x;
+                sums[4][lane] += x * y;
+                sums[5][lane] += y * y;
+                sums[6][lane] += x * z;
+                sums[7][lane] += y * z;
+            }
+        }
+        let [x, y, z, xx, xy, yy, xz, yz] = sums.map(|lanes| lanes.iter().sum::<f64>());
+        let share = 1.0 / count;
+        let [mx, my, mz] = [share * x, share * y, share * z];
+        let [xx, xy, yy] = [xx - mx * x, xy - mx * y, yy - my * y];
+        let [xz, yz] = [xz - mx * z, yz - my * z];
+        let origin_mm = [self.origin_mm[0] + mx, self.origin_mm[1] + my, self.origin_mm[2] + mz];
+        let determinant = xx * yy - xy * xy;
+        if determinant > LINE * (xx + yy) * (xx + yy) {
+            let slopes = [(yy * xz - xy * yz) / determinant, (xx * yz - xy * xz) / determinant];
+            let plane = Plane { origin_mm, slopes, variance: xx.max(yy) / determinant };
+            if !plane.is_edge_on() {
+                return Some(plane);
+            }
+        }
+        Plane::along(origin_mm, [xx, xy, yy], [xz, yz])
+    }
 }
 
 /// A plane through points, and how they scatter about it.
@@ -198,28 +316,6 @@ struct Fit {
 }
 
 impl Fit {
-    /// Without those that lie farthest off it, two in nine.
-    fn through(points_mm: &mut [[f64; 3]], place_mm: [f64; 3]) -> Option<Self> {
-        const FEWEST: usize = 5;
-        let first = Plane::through(points_mm, place_mm)?;
-        let count = points_mm.len();
-        let kept = count - (count / 4).min(count.saturating_sub(FEWEST));
-        if kept < FEWEST {
-            return None;
-        }
-        let mut off_mm = [0.0; OVERALL];
-        off_mm.iter_mut().zip(&*points_mm).for_each(|(off_mm, point_mm)| *off_mm = first.off_mm(point_mm).abs());
-        for last in (kept..count).rev() {
-            let farthest = (0..last).fold(last, |farthest, k| if off_mm[k] > off_mm[farthest] { k } else { farthest });
-            off_mm.swap(farthest, last);
-            points_mm.swap(farthest, last);
-        }
-        let kept_mm = &points_mm[..kept];
-        let plane = Plane::through(kept_mm, place_mm)?;
-        let squares: f64 = kept_mm.iter().map(|point_mm| plane.off_mm(point_mm).powi(2)).sum();
-        Some(Self { plane, scatter_mm2: squares / (kept - 3) as f64 })
-    }
-
     fn is_believed(&self) -> bool {
         let [sx, sy] = self.plane.slopes;
         self.slope_std() < SLOPE_STD_MAX.max(SLOPE_SHARE_MAX * (sx * sx + sy * sy).sqrt())
@@ -231,7 +327,7 @@ impl Fit {
     }
 }
 
-/// A plane `z = z₀ + s·(x − x₀)` by least squares.
+/// A plane `z = z₀ + s·(x − x₀)`.
 #[derive(Debug, Clone, Copy)]
 struct Plane {
     origin_mm: [f64; 3],
@@ -241,36 +337,6 @@ struct Plane {
 }
 
 impl Plane {
-    /// Through points, seen from one amid them; `None` if they stand in one place.
-    ///
-    /// Points in a line tell the slope along it alone. Their errors lie along their chief rays, so that a plane through them
-    /// and the camera would seem to be as good as any: nothing is seen of a surface that stands edge on.
-    fn through(points_mm: &[[f64; 3]], origin_mm: [f64; 3]) -> Option<Self> {
-        const LINE: f64 = 1e-5;
-        let share = 1.0 / points_mm.len() as f64;
-        let from_origin =
-            |point_mm: &[f64; 3]| -> [f64; 3] { std::array::from_fn(|axis| point_mm[axis] - origin_mm[axis]) };
-        let (mut sum, mut xx, mut xy, mut yy, mut xz, mut yz) = ([0.0; 3], 0.0, 0.0, 0.0, 0.0, 0.0);
-        for [x, y, z] in points_mm.iter().map(from_origin) {
-            sum = [sum[0] + x, sum[1] + y, sum[2] + z];
-            (xx, xy, yy) = (xx + x * x, xy + x * y, yy + y * y);
-            (xz, yz) = (xz + x * z, yz + y * z);
-        }
-        let [x, y, z] = sum.map(|sum| sum * share);
-        (xx, xy, yy) = (xx - x * sum[0], xy - x * sum[1], yy - y * sum[1]);
-        (xz, yz) = (xz - x * sum[2], yz - y * sum[2]);
-        let origin_mm = [origin_mm[0] + x, origin_mm[1] + y, origin_mm[2] + z];
-        let determinant = xx * yy - xy * xy;
-        if determinant > LINE * (xx + yy) * (xx + yy) {
-            let slopes = [(yy * xz - xy * yz) / determinant, (xx * yz - xy * xz) / determinant];
-            let plane = Self { origin_mm, slopes, variance: xx.max(yy) / determinant };
-            if !plane.is_edge_on() {
-                return Some(plane);
-            }
-        }
-        Self::along(origin_mm, [xx, xy, yy], [xz, yz])
-    }
-
     /// That rises along a line through points alone, from their sums of products.
     fn along(origin_mm: [f64; 3], [xx, xy, yy]: [f64; 3], [xz, yz]: [f64; 2]) -> Option<Self> {
         // The larger eigenvalue of the points' spread, and the longer of two forms of its vector.
@@ -288,11 +354,6 @@ impl Plane {
         let facing = z_mm - sx * x_mm - sy * y_mm;
         let across_mm2 = (1.0 + sx * sx + sy * sy) * (x_mm * x_mm + y_mm * y_mm + z_mm * z_mm);
         facing * facing < FLATTEST * FLATTEST * across_mm2
-    }
-
-    fn off_mm(&self, point_mm: &[f64; 3]) -> f64 {
-        let [x_mm, y_mm, z_mm] = [0, 1, 2].map(|axis| point_mm[axis] - self.origin_mm[axis]);
-        z_mm - self.slopes[0] * x_mm - self.slopes[1] * y_mm
     }
 }
 

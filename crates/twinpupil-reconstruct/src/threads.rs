@@ -36,15 +36,19 @@ pub(crate) fn for_each_chosen<T: Send>(
     });
 }
 
-/// Calls `work` with the number of every part, the part, and the desk that is the part's.
-pub(crate) fn for_each_part<P: Send, D: Send>(
+/// Calls `work` with the number of every part, the part, and the desk that is the part's; there will be as many desks.
+pub(crate) fn for_each_part<P: Send, D: Default + Send>(
     parts: impl Iterator<Item = P>,
-    desks: &mut [D],
+    desks: &mut Vec<D>,
     threads: usize,
     work: impl Fn(usize, &mut P, &mut D) + Send + Sync,
 ) {
     const PARTS: usize = 16;
-    let mut parts: SmallVec<[(P, &mut D); PARTS]> = parts.zip(desks).collect();
+    let parts: SmallVec<[P; PARTS]> = parts.collect();
+    if desks.len() < parts.len() {
+        desks.resize_with(parts.len(), D::default);
+    }
+    let mut parts: SmallVec<[(P, &mut D); PARTS]> = parts.into_iter().zip(desks).collect();
     for_each(&mut parts, threads, |number, (part, desk)| work(number, part, desk));
 }
 
@@ -70,7 +74,7 @@ mod tests {
                 for_each(&mut items, threads, |place, item| *item += place);
                 assert!(items.iter().enumerate().all(|(place, item)| *item == place));
                 items.fill(1);
-                let mut desks = vec![Vec::new(); threads];
+                let mut desks: Vec<Vec<usize>> = Vec::new();
                 let length = part_length(count, threads);
                 for_each_part(items.chunks_mut(length), &mut desks, threads, |number, part, desk| {
                     part.iter_mut().for_each(|item| *item += number);

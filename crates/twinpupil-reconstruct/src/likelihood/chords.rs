@@ -157,35 +157,7 @@ impl Edges {
     }
 }
 
-/// `xx x² + 2 xy x y + yy y² + 2 x x + 2 y y + one`.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Conic {
-    pub(crate) xx: f32,
-    pub(crate) xy: f32,
-    pub(crate) yy: f32,
-    pub(crate) x: f32,
-    pub(crate) y: f32,
-    pub(crate) one: f32,
-}
-
 impl Dots {
-    /// Negative where the dot is, in units of its squared radius.
-    #[inline(always)]
-    pub(crate) fn conic(&self, lane: usize) -> Conic {
-        let per_radius = 1.0 / self.radius_px;
-        let of = |vectors: &[Lanes; 2]| vectors.each_ref().map(|component| component[lane] * per_radius);
-        let ([sx, sy], [ax, ay], [bx, by]) = (of(&self.start), of(&self.across), of(&self.along));
-        let (g, h) = (self.growth_across[lane], self.growth_along[lane]);
-        Conic {
-            xx: ax * ax + ay * ay - g * g,
-            xy: ax * bx + ay * by - g * h,
-            yy: bx * bx + by * by - h * h,
-            x: sx * ax + sy * ay + g,
-            y: sx * bx + sy * by + h,
-            one: sx * sx + sy * sy - 1.0,
-        }
-    }
-
     /// Seen from places that lie so far outwards of the samples.
     #[inline(always)]
     pub(crate) fn behind(local: &Local, edges: &Edges, outwards_px: &Lanes) -> Self {

@@ -4,6 +4,7 @@ use nalgebra::SMatrix;
 
 use crate::likelihood::light::{Light, Places};
 use crate::likelihood::normal::{UNKNOWNS, products_with};
+use crate::likelihood::profile::Profiles;
 use crate::likelihood::spot::{PIXEL_REACH_PX, Spot};
 use crate::likelihood::weigh::Weights;
 
@@ -39,7 +40,7 @@ pub(crate) struct NearLight {
 
 impl Near {
     /// Finds the samples, placed about `about_px`, that a neighbour reaches, and its light there.
-    pub(crate) fn find(&mut self, near: &NearLight, about_px: [f64; 2], places: &Places) {
+    pub(crate) fn find(&mut self, near: &NearLight, about_px: [f64; 2], places: &Places, profiles: &mut Profiles) {
         let shift = |axis: usize| (about_px[axis] - near.spot.centre_px[axis]) as f32;
         let reach_px = near.spot.reach_px() + PIXEL_REACH_PX * (f64::from(places.square_px) - 1.0);
         let (shift_u, shift_v, reach) = (shift(0), shift(1), reach_px as f32);
@@ -62,7 +63,7 @@ impl Near {
             }
         }
         if !self.index.is_empty() {
-            self.light.fill(&near.spot, &self.places);
+            self.light.fill(&near.spot, &self.places, profiles);
         }
     }
 

@@ -17,17 +17,17 @@ use crate::likelihood::arcs::taken;
 use crate::likelihood::chords::{
     Circles, Dots, Edges, LANES, LINES, Lanes, POSITIONS, lanes, moments, open_lengths, passing, share,
 };
-use crate::likelihood::light::{EdgeView, Light, Local, Places, SHARP_PX, WIDE_PX};
+use crate::likelihood::light::{EdgeView, Light, Local, Places, SHARP_PX};
 use crate::likelihood::pencil::Edge;
 use crate::likelihood::sharp::Trapezoid;
 use crate::likelihood::soft::{Overlap, in_the_middle};
 use crate::likelihood::spot::Spot;
 
+/// From this blur on two points across an edge stand for the square of a pixel.
+const TWO_POINTS_PX: f64 = 12.0;
+
 /// Root of the mean square distance from the middle of a pixel along a row.
 const HALF_WIDTH_PX: f32 = 0.288_675_13;
-
-/// Half the diagonal of a pixel.
-const PIXEL_REACH_PX: f32 = 0.71;
 
 /// Lines across the pupil of a nearly sharp pixel, at [`POSITIONS`]: half their lengths, and shares of the pupil.
 const LINE_HALVES: [f32; LINES] = [
@@ -85,15 +85,13 @@ pub(crate) fn cut(spot: &Spot, local: &Local, places: &Places, out: &mut Light) 
     *out = sum;
 }
 
-/// Light of an uncut spot whose blur reaches so far around the ends of a foreshortened dot that only lines tell it.
-pub(crate) fn slanted(spot: &Spot, local: &Local, places: &Places, out: &mut Light) {
+/// Adds what only lines across the pupil tell of an uncut spot whose outline is foreshortened.
+pub(crate) fn by_lines(local: &Local, places: &Places, out: &mut Light) {
     let mut meetings = std::mem::take(&mut out.meetings);
     meetings.touched.clear();
     meetings.touched.resize(places.len(), 1.0);
     meetings.find(local, places);
-    // An outline that is more curved than the blur may cross the pupil's rim four times.
-    let is_wide = spot.blur_px_max() < (1.0 - spot.foreshortening()).powi(2) * spot.radius_px;
-    slanted_soft(local, is_wide, places, &meetings.soft, out);
+    add_by_lines(local, places, &meetings.soft, out);
     out.meetings = meetings;
 }
 
@@ -153,11 +151,8 @@ fn kinds(local: &Local, places: &Places, touched: &[f32], kind: &mut [f32]) {
     let (touched, kind) = (&touched[..count], &mut kind[..count]);
     for index in 0..count {
         let edge = EdgeView::at(local, du[index], dv[index]);
-        let depth_px = (1.0 - edge.q) * edge.px;
-        let depth_px = depth_px / (1.0 + edge.bend() * depth_px.max(0.0));
-        let blur_px = edge.blur_px.abs();
-        let near = if depth_px.abs() < blur_px + PIXEL_REACH_PX * local.square_px { touched[index] } else { 0.0 };
-        kind[index] = if blur_px < SHARP_PX as f32 { 2.0 * near } else { near };
+        let near = if edge.is_felt() { touched[index] } else { 0.0 };
+        kind[index] = if edge.blur_px.abs() < SHARP_PX as f32 { 2.0 * near } else { near };
     }
 }
 
@@ -368,7 +363,7 @@ enum Points {
 
 impl Points {
     fn of(spot: &Spot) -> Self {
-        if spot.blur_px_min() < WIDE_PX { Self::Three } else { Self::Two }
+        if spot.blur_px_min() < TWO_POINTS_PX { Self::Three } else { Self::Two }
     }
 
     /// Mean over the squares of the samples of what `passing` makes of circles and of the dots behind the pupils.
@@ -420,11 +415,11 @@ impl Dots {
 }
 
 #[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
-fn slanted_soft(local: &Local, is_wide: bool, places: &Places, indices: &[u32], out: &mut Light) {
+fn add_by_lines(local: &Local, places: &Places, indices: &[u32], out: &mut Light) {
     for indices in indices.chunks(LANES) {
         let edges = Edges::of(local, places, indices);
         let middles = Dots::stepped(local, &edges, &[0.0; LANES]);
-        let slanted = if is_wide { middles.meeting() } else { share(Some(&middles), &[]) };
+        let slanted = share(Some(&middles), &[]);
         // What lines tell otherwise changes little across a pixel.
         let more = lanes(|lane| slanted[lane] - in_the_middle(local, edges.du[lane], edges.dv[lane]));
         for (lane, index) in indices.iter().enumerate() {

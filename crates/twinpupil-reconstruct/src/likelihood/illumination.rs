@@ -10,7 +10,8 @@ use crate::likelihood::joint::Joint;
 use crate::likelihood::light::{Light, Places};
 use crate::likelihood::outline::Outline;
 use crate::likelihood::pencil::length;
-use crate::likelihood::samples::{Rings, Samples, Share};
+use crate::likelihood::profile::Profiles;
+use crate::likelihood::samples::{Rings, Samples, Share, Window};
 use crate::likelihood::spot::Spot;
 use crate::quantile::{STD_PER_DISTANCE, median};
 
@@ -26,6 +27,7 @@ struct Growth {
 pub(crate) struct Glance {
     samples: Samples,
     places: Places,
+    profiles: Profiles,
     codes: Vec<f32>,
     others: Vec<f32>,
     near: Near,
@@ -103,7 +105,14 @@ pub(crate) fn shift_px(spot: &Spot, growth: [f64; 2]) -> [f64; 2] {
 ///
 /// The bump of [`shift_px`] is `∫ t³ B_t dt/b²` over the discs B_t up to the blur's radius b: the light changes as does that of
 /// edges with such blurs, by Gauss's rule for the weight t³ of two.
-pub(crate) fn bend(own: &mut Light, spot: &Spot, growth: [f64; 2], places: &Places, narrow: &mut Light) {
+pub(crate) fn bend(
+    own: &mut Light,
+    spot: &Spot,
+    growth: [f64; 2],
+    places: &Places,
+    profiles: &mut Profiles,
+    narrow: &mut Light,
+) {
     const NARROW: [(f64, f32); 2] = [(0.898_714, 0.732_384), (0.529_857, 0.267_616)];
     let [du, dv] = shift_px(spot, growth);
     if length([du, dv]) < FELT_PX {
@@ -119,7 +128,7 @@ pub(crate) fn bend(own: &mut Light, spot: &Spot, growth: [f64; 2], places: &Plac
         own.lopsided.clear();
     }
     for (width, weight) in NARROW {
-        narrow.fill(&Spot { ways: smallvec![smallvec![]], ..spot.narrowed(width) }, places);
+        narrow.fill(&Spot { ways: smallvec![smallvec![]], ..spot.narrowed(width) }, places, profiles);
         for index in &own.lopsided {
             (narrow.with_u[*index as usize], narrow.with_v[*index as usize]) = (0.0, 0.0);
         }
@@ -186,23 +195,24 @@ const UNEXPLAINED_CHI2: f64 = 1.3;
 fn modelled_growth(joint: &Joint<'_>, index: usize, band: usize, glance: &mut Glance) -> Option<Growth> {
     const OTHERS: usize = 6;
     let (view, light) = (&joint.bands[band], joint.bodies[index].bands[band].as_ref()?);
-    let Glance { samples, places, codes, others, near, modelled, narrow, .. } = glance;
+    let Glance { samples, places, profiles, codes, others, near, modelled, narrow, .. } = glance;
     let spot = &light.spot;
     samples.clear();
     let (outline, window_px) = (Outline::of(spot), view.window_px(spot));
-    let rings = Rings { outline, window_px, even_px: 0.0, levels: [0.0; 2], grain: 1, rise: 0.0 };
+    let (grain, rise) = light.window.as_ref().map_or((1, 0.0), Window::grain);
+    let rings = Rings { outline, window_px, even_px: 0.0, levels: [0.0; 2], grain, rise };
     let window = samples.read(&view.plane, view.black.noise(), &rings);
     samples.about(&window, Share::All, spot.centre_px, places, codes);
     others.clear();
     others.resize(codes.len(), 0.0);
     for neighbour in joint.buffers.neighbours.of(index * joint.bands.len() + band) {
         if let Some(other) = &joint.bodies[*neighbour as usize / joint.bands.len()].bands[band] {
-            near.find(&other.near(), spot.centre_px, places);
+            near.find(&other.near(), spot.centre_px, places, profiles);
             near.add(&other.near(), others);
         }
     }
-    modelled.fill(spot, places);
-    bend(modelled, spot, light.illumination_slope, places, narrow);
+    modelled.fill(spot, places, profiles);
+    bend(modelled, spot, light.illumination_slope, places, profiles, narrow);
     let (mut information, mut score) = (SMatrix::<f64, 8, 8>::zeros(), SVector::<f64, 8>::zeros());
     let [gu, gv] = light.growth();
     for (k, code) in codes.iter().enumerate() {
@@ -220,7 +230,7 @@ fn modelled_growth(joint: &Joint<'_>, index: usize, band: usize, glance: &mut Gl
             [modelled.with_u[k], modelled.with_v[k], modelled.with_radius[k], modelled.with_blur[k]]
                 .map(|change| scale * f64::from(change));
         let row = SVector::from([u, v, radius, blur, lit * share, lit * open, level * du, level * dv]);
-        let trust = 1.0 / view.black.noise().variance(view.black.noise().black_level + level * lit + foreign);
+        let trust = window.pixels / view.black.noise().variance(view.black.noise().black_level + level * lit + foreign);
         information += row * row.transpose() * trust;
         score += row * ((read - foreign - level * lit) * trust);
     }
@@ -491,9 +501,10 @@ mod tests {
                 about_shifted.push((du - shift[0]) as f32, (dv - shift[1]) as f32);
             }
             let (mut even, mut uneven, mut narrow) = (Light::default(), Light::default(), Light::default());
-            even.fill(&spot, &about);
-            uneven.fill(&shifted, &about_shifted);
-            bend(&mut uneven, &shifted, growth, &about_shifted, &mut narrow);
+            let profiles = &mut Profiles::default();
+            even.fill(&spot, &about, profiles);
+            uneven.fill(&shifted, &about_shifted, profiles);
+            bend(&mut uneven, &shifted, growth, &about_shifted, profiles, &mut narrow);
             for k in 0..PLACES {
                 let [du, dv] = offset(k);
                 let [without, with] = point_by_point(&spot, [du, dv], growth);

@@ -45,9 +45,6 @@ impl Joint<'_> {
     /// Before the first round: images of all bodies, and no pixels read.
     pub(crate) fn begin(&mut self) {
         let Buffers { desks, couplings, neighbours, .. } = &mut *self.buffers;
-        if desks.len() < self.threads {
-            desks.resize_with(self.threads, Desk::default);
-        }
         desks.iter_mut().for_each(Desk::clear);
         neighbours.clear();
         couplings.iter_mut().for_each(Vec::clear);
@@ -156,7 +153,7 @@ impl Joint<'_> {
         let length = part_length(bodies.len(), *threads);
         let parts = bodies.chunks_mut(length).zip(couplings.chunks_mut(length));
         let sharing = worthwhile(moving.len(), MEASURED_EACH, *threads);
-        for_each_part(parts, &mut desks[..*threads], sharing, |number, (bodies, couplings), desk| {
+        for_each_part(parts, desks, sharing, |number, (bodies, couplings), desk| {
             for (place, (body, couplings)) in bodies.iter_mut().zip(&mut **couplings).enumerate() {
                 if body.moves {
                     desk.measure(&around, number * length + place, body, couplings);

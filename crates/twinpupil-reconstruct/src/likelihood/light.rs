@@ -1,10 +1,11 @@
 //! The light of a spot at places on the page, and how it changes with the spot.
 
-use crate::likelihood::cut::{Meetings, cut, slanted};
-use crate::likelihood::profile::Profile;
+use crate::likelihood::chords::{LANES, Lanes, padded};
+use crate::likelihood::cut::{Meetings, cut};
+use crate::likelihood::profile::Profiles;
 use crate::likelihood::sharp::sharp;
-use crate::likelihood::soft::{soft, wide};
-use crate::likelihood::spot::Spot;
+use crate::likelihood::soft::soft;
+use crate::likelihood::spot::{PIXEL_REACH_PX, Spot};
 
 /// Centres of pixels from the outline's centre, px: first those that may feel the edge of the dot, up to `lit` those that
 /// see nothing but the dot, then those that see none of it.
@@ -40,13 +41,6 @@ pub(crate) struct Light {
 
 /// Below this blur the pixel's square shapes the edge.
 pub(crate) const SHARP_PX: f64 = 1.0;
-
-/// From this blur on the pixel is felt at the ends of the edge alone.
-pub(crate) const WIDE_PX: f64 = 12.0;
-
-/// Share of its radius by which the blur of a dot may reach across the edge at one end and along it at the other before
-/// both have to be told apart.
-const SLANTED: f64 = 0.012;
 
 /// What the kernels need of a spot.
 #[derive(Debug, Clone, Copy)]
@@ -111,25 +105,17 @@ impl Light {
     }
 
     /// Becomes the light of a spot.
-    pub(crate) fn fill(&mut self, spot: &Spot, places: &Places) {
+    pub(crate) fn fill(&mut self, spot: &Spot, places: &Places, profiles: &mut Profiles) {
         self.prepare(places);
         let mut straight = std::mem::take(&mut self.straight);
         let places = spot.straightened(places, &mut straight);
         let local = Local::of(spot, places);
-        if Profile::serves(spot, places) {
-            Profile::of(&local).fill(&local, places, self);
+        if Profiles::serves(spot, places) {
+            profiles.fill(&local, places, self);
         } else if spot.blur_px_max() < SHARP_PX {
-            sharp(&local, f32::INFINITY, places, self);
-        } else if spot.blur_px_min() < WIDE_PX {
-            soft(&local, places, self);
-            if spot.blur_px_min() < SHARP_PX {
-                sharp(&local, SHARP_PX as f32, places, self);
-            }
+            sharp(&local, places, self);
         } else {
-            wide(&local, places, self);
-        }
-        if is_slanted(spot) {
-            slanted(spot, &local, places, self);
+            soft(spot, &local, places, self);
         }
         if spot.is_clipped() {
             cut(spot, &local, places, self);
@@ -138,9 +124,49 @@ impl Light {
     }
 }
 
-/// Whether only lines across the pupil tell the light of a spot.
-pub(crate) fn is_slanted(spot: &Spot) -> bool {
-    spot.foreshortening() * spot.blur_px_max() > SLANTED * spot.radius_px
+/// Light and its changes with u, v, radius and blur at places side by side that may feel the edge.
+pub(crate) trait Kernel {
+    fn lanes(&self, du: &Lanes, dv: &Lanes) -> [Lanes; 5];
+}
+
+/// The same at one place.
+pub(crate) trait Point {
+    fn seen(&self, du: f32, dv: f32) -> [f32; 5];
+}
+
+/// Light that is found place by place.
+pub(crate) struct Each<P>(pub(crate) P);
+
+impl<P: Point> Kernel for Each<P> {
+    #[inline(always)]
+    fn lanes(&self, du: &Lanes, dv: &Lanes) -> [Lanes; 5] {
+        let [mut light, mut with_u, mut with_v, mut with_radius, mut with_blur] = [[0.0; LANES]; 5];
+        for lane in 0..LANES {
+            let seen = self.0.seen(du[lane], dv[lane]);
+            [light[lane], with_u[lane], with_v[lane], with_radius[lane], with_blur[lane]] = seen;
+        }
+        [light, with_u, with_v, with_radius, with_blur]
+    }
+}
+
+/// Fills light and derivatives wherever the edge may be felt; for functions that are made for the processor.
+#[inline(always)]
+pub(crate) fn fill_by(kernel: &impl Kernel, places: &Places, out: &mut Light) {
+    let count = places.edge;
+    let Light { light, with_u, with_v, with_radius, with_blur, .. } = out;
+    let [(du, last_du), (dv, last_dv)] = [&places.du, &places.dv].map(|px| px[..count].as_chunks::<LANES>());
+    let columns = [light, with_u, with_v, with_radius, with_blur].map(|column| column[..count].as_chunks_mut());
+    let [(light, last_light), (with_u, last_u), (with_v, last_v), (with_radius, last_radius), (with_blur, last_blur)] =
+        columns;
+    for (chunk, (du, dv)) in du.iter().zip(dv).enumerate() {
+        [light[chunk], with_u[chunk], with_v[chunk], with_radius[chunk], with_blur[chunk]] = kernel.lanes(du, dv);
+    }
+    if !last_du.is_empty() {
+        let seen = kernel.lanes(&padded(last_du), &padded(last_dv));
+        for (column, seen) in [last_light, last_u, last_v, last_radius, last_blur].into_iter().zip(&seen) {
+            column.iter_mut().zip(seen).for_each(|(value, seen)| *value = *seen);
+        }
+    }
 }
 
 impl Local {
@@ -216,6 +242,14 @@ impl EdgeView {
             lean,
             stretch: (hx * hx + hy * hy) * per_gradient * per_gradient - lean * lean,
         }
+    }
+
+    /// Whether a sample feels the edge, straight towards the centre.
+    #[inline(always)]
+    pub(crate) fn is_felt(&self) -> bool {
+        let depth_px = (1.0 - self.q) * self.px;
+        let depth_px = depth_px / (1.0 + self.bend() * depth_px.max(0.0));
+        depth_px.abs() < self.blur_px.abs() + PIXEL_REACH_PX as f32 * self.square_px
     }
 
     /// How much farther in an edge of the unit disc seems where the dot is foreshortened, so that the blur is an ellipse
@@ -462,7 +496,7 @@ mod tests {
             places.push((u_px - spot.centre_px[0]) as f32, (v_px - spot.centre_px[1]) as f32);
         }
         let mut row = Light::default();
-        row.fill(&spot, &places);
+        row.fill(&spot, &places, &mut Profiles::default());
         let offset_px = |k: usize| STEP_PX as f64 * (k as f64 - 0.5 * (grain - 1) as f64);
         let block =
             |[u, v]: [f64; 2]| (0..grain * grain).map(move |k| [u + offset_px(k % grain), v + offset_px(k / grain)]);
@@ -495,9 +529,12 @@ mod tests {
             for centre_mm in [[4.0, -3.0, z_mm], [1.76, -1.32, z_mm]] {
                 for (slopes, band) in [([0.0; 2], 0), ([0.0; 2], 1), ([0.2, -0.1], 0), ([0.2, -0.1], 1)] {
                     let dot = Dot { centre_mm, diameter_mm: 1.0, slopes };
-                    let bias = biases_of_blocks(&dot, band, 5, 2, PAPERS_STOP_MM).map(|bias| bias.px / bias.std_px);
-                    if bias.iter().any(|bias| bias.abs() > SIGMAS_MAX) {
-                        report.push(format!("{centre_mm:?} {slopes:.2?} {band}: {bias:.2?}"));
+                    for grain in if band == 0 { 2..4 } else { 2..3 } {
+                        let biases = biases_of_blocks(&dot, band, 5, grain, PAPERS_STOP_MM);
+                        let bias = biases.map(|bias| bias.px / bias.std_px);
+                        if bias.iter().any(|bias| bias.abs() > SIGMAS_MAX) {
+                            report.push(format!("{centre_mm:?} {slopes:.2?} {band} {grain}: {bias:.2?}"));
+                        }
                     }
                 }
             }
@@ -594,7 +631,7 @@ mod tests {
         let fill = |spot: &Spot, moved_px: [f64; 2]| {
             let (mut places, mut light) = (Places::default(), Light::default());
             pixels.iter().for_each(|[u, v]| places.push((u - moved_px[0]) as f32, (v - moved_px[1]) as f32));
-            light.fill(spot, &places);
+            light.fill(spot, &places, &mut Profiles::default());
             light
         };
         let at = fill(spot, [0.0; 2]);

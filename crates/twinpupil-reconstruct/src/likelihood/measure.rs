@@ -7,11 +7,13 @@ use crate::likelihood::body::{BandLight, Body};
 use crate::likelihood::coupling::{Coupling, Near, NearLight};
 use crate::likelihood::full::{Full, FullLight};
 use crate::likelihood::illumination::bend;
-use crate::likelihood::light::{Light, Places, is_slanted};
+use crate::likelihood::light::{Light, Places};
 use crate::likelihood::neighbours::Neighbours;
 use crate::likelihood::normal::Normal;
 use crate::likelihood::outline::Outline;
+use crate::likelihood::profile::Profiles;
 use crate::likelihood::samples::{Rings, Samples};
+use crate::likelihood::soft::is_slanted;
 use crate::likelihood::view::BandView;
 use crate::likelihood::weigh::{Judge, Levels, Weights};
 
@@ -32,6 +34,7 @@ pub(crate) struct Desk {
     samples: Samples,
     /// The samples of the spot that is looked at, about its centre, its light there and that of others.
     places: Places,
+    profiles: Profiles,
     codes: Vec<f32>,
     own: Light,
     narrow: Light,
@@ -97,7 +100,7 @@ impl Desk {
         let Some(light) = &body.bands[band] else { return };
         let Some(window) = &light.window else { return };
         let view = &around.bands[band];
-        let Self { samples, places, codes, own, narrow, others, near, weights } = self;
+        let Self { samples, places, profiles, codes, own, narrow, others, near, weights } = self;
         samples.about(window, body.seen, light.spot.centre_px, places, codes);
         let near_lights = || around.near(index, band).filter(|(_, other)| window.is_reached(&other.spot));
         others.clear();
@@ -106,11 +109,11 @@ impl Desk {
             if near.len() <= place {
                 near.push(Near::default());
             }
-            near[place].find(other, light.spot.centre_px, places);
+            near[place].find(other, light.spot.centre_px, places, profiles);
             near[place].add(other, others);
         }
-        own.fill(&light.spot, places);
-        bend(own, &light.spot, light.illumination_slope, places, narrow);
+        own.fill(&light.spot, places, profiles);
+        bend(own, &light.spot, light.illumination_slope, places, profiles, narrow);
         let growth = light.growth();
         let levels = Levels {
             contrast: light.contrast as f32,

@@ -115,6 +115,7 @@ mod tests {
     use super::*;
     use crate::likelihood::light::{Light, Places};
     use crate::likelihood::pencil::Pencil;
+    use crate::likelihood::profile::Profiles;
     use crate::likelihood::spot::{Dot, Raster};
 
     fn spot(z_mm: f64, slopes: [f64; 2]) -> Spot {
@@ -132,7 +133,7 @@ mod tests {
             let (mut places, mut light) = (Places::default(), Light::default());
             let span = || (-75..=75).map(f64::from);
             span().for_each(|dv| span().for_each(|du| places.push(du as f32, dv as f32)));
-            light.fill(&spot, &places);
+            light.fill(&spot, &places, &mut Profiles::default());
             for (index, (dv, du)) in span().flat_map(|dv| span().map(move |du| (dv, du))).enumerate() {
                 let [is_inner, is_outer] = sides.map(|side| {
                     let half2 = side.size2 - side.narrowing * dv * dv;

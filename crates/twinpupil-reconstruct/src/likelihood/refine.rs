@@ -143,8 +143,10 @@ pub(crate) struct Workspace {
 const LIGHT_ROUNDS: [usize; 2] = [1, 2];
 const LIGHT_ROUNDS_UNEVEN: [usize; 3] = [3, 4, 6];
 
-/// Times that it is found again when all dots rest.
+/// Times that it is found again when all dots rest; and that their slopes are, which for a dot between two planes may go on
+/// changing as the dot does.
 const LAST_LOOKS: usize = 2;
+const LAST_SLOPES: usize = 2;
 
 impl ForwardModel {
     /// The model of the bands of an instrument with these indices.
@@ -231,13 +233,16 @@ impl ForwardModel {
         joint.begin();
         slopes.lay_through(joint.bodies.iter().filter(|body| body.tells_depth()).map(|body| body.dot.centre_mm));
         slopes.get_to_know(threads);
-        let (mut is_uneven, mut last_looks) = (false, 0);
+        let (mut is_uneven, mut last_looks, mut last_slopes) = (false, 0, 0);
         for round in 0..ROUNDS {
             renew_surface(joint.bodies, slopes, chi2s);
             set_slopes(joint.bodies, slopes, threads, |body| !body.rests() || round % LOOK_BACK == LOOK_BACK - 1);
             if joint.bodies.iter().all(Body::rests) {
                 // Those that came to rest first may stand on a surface that is known better by now.
-                set_slopes(joint.bodies, slopes, threads, |_| true);
+                if last_slopes < LAST_SLOPES {
+                    set_slopes(joint.bodies, slopes, threads, |_| true);
+                    last_slopes += 1;
+                }
                 // And their light may grow as nobody could tell before.
                 if (is_uneven || round < LIGHT_ROUNDS[1]) && last_looks < LAST_LOOKS {
                     is_uneven = set_illumination(&mut joint, true, glance);
@@ -256,12 +261,9 @@ impl ForwardModel {
         joint.refresh_moving();
         refined.clear();
         refined.resize(seeds.len(), None);
-        if patches.len() < threads {
-            patches.resize_with(threads, Patch::default);
-        }
         let (bodies, couplings) = (&*joint.bodies, &joint.buffers.couplings);
         let length = part_length(seeds.len(), threads);
-        for_each_part(refined.chunks_mut(length), &mut patches[..threads], threads, |number, part, patch| {
+        for_each_part(refined.chunks_mut(length), patches, threads, |number, part, patch| {
             for (place, refined) in part.iter_mut().enumerate() {
                 *refined = self::refined(bodies, couplings, number * length + place, patch);
             }

@@ -112,6 +112,11 @@ impl Window {
         length([du, dv]) < self.rings.window_px + other.reach_px()
     }
 
+    /// See [`Rings`]: pixels along the side of its blocks, and how much the light may rise within one, codes.
+    pub(crate) fn grain(&self) -> (usize, f32) {
+        (self.rings.grain, self.rings.rise)
+    }
+
     /// The smallest share of it that tells something: small windows are not shared.
     pub(crate) fn share(&self, share: Share) -> Share {
         if self.ends[share as usize] == self.ends[Share::All as usize] { Share::All } else { share }

@@ -10,28 +10,52 @@
 
 use std::f32::consts::PI;
 
-use crate::likelihood::chords::{Conic, Dots, LANES, Lanes};
+use crate::likelihood::light::{EdgeView, Local};
 use crate::likelihood::soft::angles;
 
 /// Newton's steps along the rim to a crossing; the first guess is exact where the outline is symmetric.
-const STEPS: usize = 3;
+const STEPS: usize = 2;
 
 /// The longest of them, rad.
 const STEP_MAX: f32 = 0.3;
 
-impl Dots {
-    /// Share of the pupils that lies in the dots, none of which is more curved than the pupil.
-    #[inline(always)]
-    pub(crate) fn meeting(&self) -> Lanes {
-        let mut shares = [0.0; LANES];
-        for (lane, share) in shares.iter_mut().enumerate() {
-            *share = meeting(self.conic(lane));
-        }
-        shares
-    }
+/// `xx x² + 2 xy x y + yy y² + 2 x x + 2 y y + one`.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Conic {
+    xx: f32,
+    xy: f32,
+    yy: f32,
+    x: f32,
+    y: f32,
+    one: f32,
 }
 
 impl Conic {
+    /// The dot behind the pupil of a place, negative where it is, in units of its squared radius; see [`Dots`].
+    ///
+    /// [`Dots`]: crate::likelihood::chords::Dots
+    #[inline(always)]
+    pub(crate) fn behind(local: &Local, edge: &EdgeView, [du, dv]: [f32; 2]) -> Self {
+        let ([[xx, xy], [yx, yy]], per_radius) = (local.inverse, 1.0 / local.radius_px);
+        let turn = |u: f32, v: f32| [(xx * u + xy * v) * per_radius, (yx * u + yy * v) * per_radius];
+        let (cos, sin, outwards_px) = (edge.normal_u, edge.normal_v, edge.curvature_px());
+        let (u, v) = (du + outwards_px * cos, dv + outwards_px * sin);
+        let [sx, sy] = turn(u, v);
+        let blur_px = local.blur_px + local.blur_growth_px * sx;
+        let [growth_u, growth_v] = local.blur_gradient;
+        let (g, h) = (growth_u * cos + growth_v * sin, growth_v * cos - growth_u * sin);
+        let [ax, ay] = turn(blur_px * cos - g * u, blur_px * sin - g * v);
+        let [bx, by] = turn(-blur_px * sin - h * u, blur_px * cos - h * v);
+        Self {
+            xx: ax * ax + ay * ay - g * g,
+            xy: ax * bx + ay * by - g * h,
+            yy: bx * bx + by * by - h * h,
+            x: sx * ax + sy * ay + g,
+            y: sx * bx + sy * by + h,
+            one: sx * sx + sy * sy - 1.0,
+        }
+    }
+
     /// In coordinates of which the first runs along (cos, sin).
     #[inline(always)]
     fn turned(self, cos: f32, sin: f32) -> Self {
@@ -99,9 +123,9 @@ fn shortened(t: f32) -> f32 {
     1.0 + square * (-0.5 + square * (0.375 + square * (-0.3125 + square * 0.25)))
 }
 
-/// Share of the unit disc in which a quadratic is negative.
+/// Share of the unit disc in which a quadratic is negative that is no more curved than the disc.
 #[inline(always)]
-fn meeting(conic: Conic) -> f32 {
+pub(crate) fn meeting(conic: Conic) -> f32 {
     let conic = conic.upright();
     let Conic { xx: a, xy: b, yy: c, x: g, y: e, one } = conic;
     // Where the rim is crossed if both sides are alike.

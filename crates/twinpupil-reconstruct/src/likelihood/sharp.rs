@@ -2,7 +2,7 @@
 
 use multiversion::multiversion;
 
-use crate::likelihood::light::{EdgeView, Light, Local, Places};
+use crate::likelihood::light::{Each, EdgeView, Light, Local, Places, Point, fill_by};
 
 /// Lines through the blur's disc: positions and shares of its light, by the Gauss–Chebyshev rule of the second kind,
 /// whose weight is the length of the disc's chords.
@@ -15,37 +15,48 @@ const LINE_SHARES: [f32; LINES] =
 /// Distance from an edge up to which its bend counts.
 const NEAR_PX: f32 = 2.0;
 
-/// Fills light and derivatives wherever the blur is below `blur_px_max`; other places stay as they are.
+/// Light of an edge that is nearly sharp.
 ///
 /// At a depth d behind an edge with normal n the light is the edge's step averaged over the chords of the blur, and over
 /// the square of the pixel, whose projection on n is a trapezoid. The edge's curvature κ moves the half-lit line inwards
 /// by half the curvature times the mean square of both along the edge, `(b²/4 + 1/12) κ/2`.
+struct Sharp<'a> {
+    local: &'a Local,
+}
+
+/// Fills light and derivatives of a spot whose blur is below [`SHARP_PX`](crate::likelihood::light::SHARP_PX) everywhere.
 #[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
-pub(crate) fn sharp(local: &Local, blur_px_max: f32, places: &Places, out: &mut Light) {
-    let count = places.edge;
-    let (du, dv) = (&places.du[..count], &places.dv[..count]);
-    let out_light = &mut out.light[..count];
-    let (with_u, with_v) = (&mut out.with_u[..count], &mut out.with_v[..count]);
-    let (with_radius, with_blur) = (&mut out.with_radius[..count], &mut out.with_blur[..count]);
-    for index in 0..count {
-        let edge = EdgeView::at(local, du[index] - local.skewed_px[0], dv[index] - local.skewed_px[1]);
-        let blur = edge.blur_px.abs();
-        let depth = depth(&edge);
-        let pixel = Trapezoid::of(edge.normal_u.abs(), edge.normal_v.abs());
-        let (mut light, mut density, mut with_lines) = (0.0, 0.0, 0.0);
-        for line in 0..LINES {
-            let (step, slope) = pixel.step(depth + blur * LINE_POSITIONS[line]);
-            light += LINE_SHARES[line] * step;
-            density += LINE_SHARES[line] * slope;
-            with_lines += LINE_SHARES[line] * slope * LINE_POSITIONS[line];
-        }
-        let chosen = |new: f32, old: f32| if blur < blur_px_max { new } else { old };
-        out_light[index] = chosen(light, out_light[index]);
-        with_u[index] = chosen(density * edge.normal_u, with_u[index]);
-        with_v[index] = chosen(density * edge.normal_v, with_v[index]);
-        with_radius[index] = chosen(density * edge.per_gradient, with_radius[index]);
-        with_blur[index] = chosen(with_lines.copysign(with_lines * edge.blur_px), with_blur[index]);
+pub(crate) fn sharp(local: &Local, places: &Places, out: &mut Light) {
+    fill_by(&Each(Sharp { local }), places, out);
+}
+
+impl Point for Sharp<'_> {
+    #[inline(always)]
+    fn seen(&self, du: f32, dv: f32) -> [f32; 5] {
+        let [skewed_u, skewed_v] = self.local.skewed_px;
+        sharply(&EdgeView::at(self.local, du - skewed_u, dv - skewed_v))
     }
+}
+
+/// Light and its changes with u, v, radius and blur beside an edge that is nearly sharp.
+#[inline(always)]
+pub(crate) fn sharply(edge: &EdgeView) -> [f32; 5] {
+    let (blur, depth) = (edge.blur_px.abs(), depth(edge));
+    let pixel = Trapezoid::of(edge.normal_u.abs(), edge.normal_v.abs());
+    let (mut light, mut density, mut with_lines) = (0.0, 0.0, 0.0);
+    for line in 0..LINES {
+        let (step, slope) = pixel.step(depth + blur * LINE_POSITIONS[line]);
+        light += LINE_SHARES[line] * step;
+        density += LINE_SHARES[line] * slope;
+        with_lines += LINE_SHARES[line] * slope * LINE_POSITIONS[line];
+    }
+    [
+        light,
+        density * edge.normal_u,
+        density * edge.normal_v,
+        density * edge.per_gradient,
+        with_lines.copysign(with_lines * edge.blur_px),
+    ]
 }
 
 /// Depth behind the edge of a dot, px, as a nearly sharp pixel feels it.

@@ -15,36 +15,208 @@ use std::f32::consts::{FRAC_1_PI, FRAC_PI_2, PI};
 
 use multiversion::multiversion;
 
-use crate::likelihood::light::{EdgeView, Light, Local, Places};
+use crate::likelihood::cut::by_lines;
+use crate::likelihood::light::{Each, EdgeView, Light, Local, Places, Point, SHARP_PX, fill_by};
+use crate::likelihood::segment::{Conic, meeting};
+use crate::likelihood::sharp::sharply;
+use crate::likelihood::spot::Spot;
+
+/// From this blur on the pixel is felt at the ends of the edge alone; where the conic counts, later.
+pub(crate) const WIDE_PX: f64 = 2.5;
+const SLANTED_WIDE_PX: f64 = 12.0;
+
+/// Share of its radius by which the blur of a dot may reach across the edge at one end and along it at the other before
+/// both have to be told apart.
+const SLANTED: f64 = 0.012;
 
 /// Smallest blur relative to the dot that the formulas bear.
 const BETA_MIN: f32 = 1e-3;
 
-/// Fills light and derivatives of a spot; a pixel's square stands at three points across the edge.
+/// Light whose pixels stand at three points across the edge.
+struct Narrow<'a> {
+    local: &'a Local,
+}
+
+/// The same, and that of sharper edges where the blur is below [`SHARP_PX`].
+struct Focused<'a>(Narrow<'a>);
+
+/// Light whose blur is so wide that the pixel matters at the two ends of the edge only, where the profile is not smooth; see
+/// [`reach`].
+struct Wide<'a> {
+    local: &'a Local,
+}
+
+/// Such light where the blur reaches so far around the ends of a foreshortened dot that only its conic tells it.
+struct Slanted<K>(K);
+
+/// Fills light and derivatives of a spot.
+pub(crate) fn soft(spot: &Spot, local: &Local, places: &Places, out: &mut Light) {
+    let blur_px = spot.blur_px_min();
+    // An outline that is more curved than the blur may cross the pupil's rim four times.
+    let crosses_twice = spot.blur_px_max() < (1.0 - spot.foreshortening()).powi(2) * spot.radius_px;
+    let is_slanted = is_slanted(spot);
+    match is_slanted && crosses_twice {
+        false if blur_px >= WIDE_PX => wide(local, places, out),
+        false if blur_px >= SHARP_PX => narrow(local, places, out),
+        false => focused(local, places, out),
+        true if blur_px >= SLANTED_WIDE_PX => slanted_wide(local, places, out),
+        true if blur_px >= SHARP_PX => slanted_narrow(local, places, out),
+        true => slanted_focused(local, places, out),
+    }
+    if is_slanted && !crosses_twice {
+        by_lines(local, places, out);
+    }
+}
+
+/// Whether only lines across the pupil tell the light of a spot.
+pub(crate) fn is_slanted(spot: &Spot) -> bool {
+    spot.foreshortening() * spot.blur_px_max() > SLANTED * spot.radius_px
+}
+
 #[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
-pub(crate) fn soft(local: &Local, places: &Places, out: &mut Light) {
-    let count = places.edge;
-    let (du, dv) = (&places.du[..count], &places.dv[..count]);
-    let light = &mut out.light[..count];
-    let (with_u, with_v) = (&mut out.with_u[..count], &mut out.with_v[..count]);
-    let (with_radius, with_blur) = (&mut out.with_radius[..count], &mut out.with_blur[..count]);
-    let per_radius = 1.0 / local.radius_px;
-    for index in 0..count {
-        let edge = EdgeView::at(local, du[index] - local.skewed_px[0], dv[index] - local.skewed_px[1]);
+fn narrow(local: &Local, places: &Places, out: &mut Light) {
+    fill_by(&Each(Narrow { local }), places, out);
+}
+
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
+pub(crate) fn wide(local: &Local, places: &Places, out: &mut Light) {
+    fill_by(&Each(Wide { local }), places, out);
+}
+
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
+fn focused(local: &Local, places: &Places, out: &mut Light) {
+    fill_by(&Each(Focused(Narrow { local })), places, out);
+}
+
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
+fn slanted_focused(local: &Local, places: &Places, out: &mut Light) {
+    fill_by(&Each(Slanted(Focused(Narrow { local }))), places, out);
+}
+
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
+fn slanted_narrow(local: &Local, places: &Places, out: &mut Light) {
+    fill_by(&Each(Slanted(Narrow { local })), places, out);
+}
+
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
+fn slanted_wide(local: &Local, places: &Places, out: &mut Light) {
+    fill_by(&Each(Slanted(Wide { local })), places, out);
+}
+
+/// Light at an edge.
+trait Edged {
+    fn local(&self) -> &Local;
+
+    /// Light and its changes with u, v, radius and blur.
+    fn beside(&self, edge: &EdgeView) -> [f32; 5];
+}
+
+impl Edged for Narrow<'_> {
+    #[inline(always)]
+    fn local(&self) -> &Local {
+        self.local
+    }
+
+    #[inline(always)]
+    fn beside(&self, edge: &EdgeView) -> [f32; 5] {
         let (step_px, side) = edge.pixel_points();
         let step = step_px * edge.per_px;
-        let (q, beta) = nearest_part(&edge);
+        let (q, beta) = nearest_part(edge);
         let (outer, middle, inner) =
             (Overlap::of(q + step, beta), Overlap::of(q, beta), Overlap::of((q - step).abs(), beta));
         let centre = 1.0 - 2.0 * side;
         let with_q = side * (outer.with_q + inner.with_q) + centre * middle.with_q;
         let with_beta = side * (outer.with_beta + inner.with_beta) + centre * middle.with_beta;
-        light[index] = side * (outer.light + inner.light) + centre * middle.light;
-        with_u[index] = -with_q * edge.gx * per_radius;
-        with_v[index] = -with_q * edge.gy * per_radius;
-        with_radius[index] = -(edge.q * with_q + beta * with_beta) * per_radius;
-        with_blur[index] = (with_beta * edge.per_px).copysign(with_beta * edge.blur_px);
+        let light = side * (outer.light + inner.light) + centre * middle.light;
+        changes(self.local, edge, Overlap { light, with_q, with_beta }, beta)
     }
+}
+
+impl Edged for Focused<'_> {
+    #[inline(always)]
+    fn local(&self) -> &Local {
+        self.0.local
+    }
+
+    #[inline(always)]
+    fn beside(&self, edge: &EdgeView) -> [f32; 5] {
+        let (soft, sharp) = (self.0.beside(edge), sharply(edge));
+        let mut seen = soft;
+        for (seen, sharp) in seen.iter_mut().zip(sharp) {
+            *seen = if edge.blur_px.abs() < SHARP_PX as f32 { sharp } else { *seen };
+        }
+        seen
+    }
+}
+
+impl Edged for Wide<'_> {
+    #[inline(always)]
+    fn local(&self) -> &Local {
+        self.local
+    }
+
+    #[inline(always)]
+    fn beside(&self, edge: &EdgeView) -> [f32; 5] {
+        let square_px = self.local.square_px;
+        let beta = (edge.blur_px.abs() * edge.per_px).max(BETA_MIN);
+        let q = edge.q + edge.slanted(beta);
+        // Across the edge in px: towards the dot from where the light begins, and outwards from where it is full.
+        let (begins, ends) = ((1.0 + beta - q) * edge.px, (q - (1.0 - beta).abs()) * edge.px);
+        let per_square = 1.0 / square_px;
+        let (outer, outer_slope) = reach(begins * per_square);
+        let (inner, inner_slope) = reach(ends * per_square);
+        // Along the edge its curvature makes a step inwards of the square's extent, across it one outwards of about half of
+        // that: the light changes by `y/q`, y² ∝ ((q + 1)² − β²)(β² − (q − 1)²).
+        let t = q - 1.0;
+        let gone = 0.5 - 0.25 * t + 0.125 * (t * t + beta * beta);
+        let inwards = (outer - inner) * square_px - begins + ends - gone * edge.curvature_px();
+        let overlap = Overlap::of(q - inwards * edge.per_px, beta);
+        let with_beta = overlap.with_beta - overlap.with_q * (outer_slope - inner_slope);
+        let with_q = overlap.with_q * (outer_slope + inner_slope - 1.0);
+        changes(self.local, edge, Overlap { with_q, with_beta, ..overlap }, beta)
+    }
+}
+
+/// Light and its changes with u, v, radius and blur.
+#[inline(always)]
+fn changes(local: &Local, edge: &EdgeView, Overlap { light, with_q, with_beta }: Overlap, beta: f32) -> [f32; 5] {
+    let per_radius = 1.0 / local.radius_px;
+    [
+        light,
+        -with_q * edge.gx * per_radius,
+        -with_q * edge.gy * per_radius,
+        -(edge.q * with_q + beta * with_beta) * per_radius,
+        (with_beta * edge.per_px).copysign(with_beta * edge.blur_px),
+    ]
+}
+
+impl<K: Edged> Point for K {
+    #[inline(always)]
+    fn seen(&self, du: f32, dv: f32) -> [f32; 5] {
+        self.beside(&outlined(self.local(), du, dv))
+    }
+}
+
+impl<K: Edged> Point for Slanted<K> {
+    /// What the conic tells otherwise changes little across a pixel.
+    #[inline(always)]
+    fn seen(&self, du: f32, dv: f32) -> [f32; 5] {
+        let local = self.0.local();
+        let edge = outlined(local, du, dv);
+        let mut seen = self.0.beside(&edge);
+        let (q, beta) = nearest_part(&edge);
+        let straight = EdgeView::at(local, du, dv);
+        let more = meeting(Conic::behind(local, &straight, [du, dv])) - Overlap::of(q, beta).light;
+        let is_soft = straight.is_felt() & (straight.blur_px.abs() >= SHARP_PX as f32);
+        seen[0] += if is_soft { more } else { 0.0 };
+        seen
+    }
+}
+
+/// The edge beside a place as the outline has it.
+#[inline(always)]
+fn outlined(local: &Local, du: f32, dv: f32) -> EdgeView {
+    EdgeView::at(local, du - local.skewed_px[0], dv - local.skewed_px[1])
 }
 
 /// Distance of a pixel's middle from the centre of the unit disc, and its blur there, as the nearest part of the edge has
@@ -56,49 +228,11 @@ fn nearest_part(edge: &EdgeView) -> (f32, f32) {
     (edge.q + edge.curvature_px() * edge.per_px + edge.slanted(beta), beta)
 }
 
-/// What [`soft`] and [`wide`] would have in the middle of a pixel, were it a point.
+/// What [`soft`] would have in the middle of a pixel, were it a point, and did no conic tell it.
 #[inline(always)]
 pub(crate) fn in_the_middle(local: &Local, du: f32, dv: f32) -> f32 {
-    let edge = EdgeView::at(local, du - local.skewed_px[0], dv - local.skewed_px[1]);
-    let (q, beta) = nearest_part(&edge);
+    let (q, beta) = nearest_part(&outlined(local, du, dv));
     Overlap::of(q, beta).light
-}
-
-/// Fills light and derivatives of a spot whose blur is so wide that the pixel matters at the two ends of the edge only,
-/// where the profile is not smooth; see [`reach`].
-#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
-pub(crate) fn wide(local: &Local, places: &Places, out: &mut Light) {
-    let count = places.edge;
-    let (du, dv) = (&places.du[..count], &places.dv[..count]);
-    let light = &mut out.light[..count];
-    let (with_u, with_v) = (&mut out.with_u[..count], &mut out.with_v[..count]);
-    let (with_radius, with_blur) = (&mut out.with_radius[..count], &mut out.with_blur[..count]);
-    let per_radius = 1.0 / local.radius_px;
-    for index in 0..count {
-        let edge = EdgeView::at(local, du[index] - local.skewed_px[0], dv[index] - local.skewed_px[1]);
-        let beta = (edge.blur_px.abs() * edge.per_px).max(BETA_MIN);
-        let q = edge.q + edge.slanted(beta);
-        // Across the edge in px: towards the dot from where the light begins, and outwards from where it is full.
-        let (begins, ends) = ((1.0 + beta - q) * edge.px, (q - (1.0 - beta).abs()) * edge.px);
-        let per_square = 1.0 / local.square_px;
-        let [(outer, outer_slope), (inner, inner_slope)] = [begins, ends].map(|depth| {
-            let (reach, slope) = reach(depth * per_square);
-            (reach * local.square_px, slope)
-        });
-        // Along the edge its curvature makes a step inwards of the square's extent, across it one outwards of about half of
-        // that: the light changes by `y/q`, y² ∝ ((q + 1)² − β²)(β² − (q − 1)²).
-        let t = q - 1.0;
-        let gone = 0.5 - 0.25 * t + 0.125 * (t * t + beta * beta);
-        let inwards = outer - inner - begins + ends - gone * edge.curvature_px();
-        let overlap = Overlap::of(q - inwards * edge.per_px, beta);
-        let with_beta = overlap.with_beta - overlap.with_q * (outer_slope - inner_slope);
-        let with_q = overlap.with_q * (outer_slope + inner_slope - 1.0);
-        light[index] = overlap.light;
-        with_u[index] = -with_q * edge.gx * per_radius;
-        with_v[index] = -with_q * edge.gy * per_radius;
-        with_radius[index] = -(edge.q * with_q + beta * with_beta) * per_radius;
-        with_blur[index] = (with_beta * edge.per_px).copysign(with_beta * edge.blur_px);
-    }
 }
 
 /// Share of a disc of radius β, q from the centre of the unit disc, that lies in it.
