@@ -233,21 +233,18 @@ impl<const N: usize> Cloud<N> {
             return None;
         }
         let off2 = self.off2(&first, count);
-        let mut farther = [0.0; N];
+        let mut as_far = [0.0; N];
         for other in &off2[..count] {
-            for (farther, off2) in farther.iter_mut().zip(&off2) {
-                *farther += if other > off2 { 1.0 } else { 0.0 };
+            for (as_far, off2) in as_far.iter_mut().zip(&off2) {
+                *as_far += if other >= off2 { 1.0 } else { 0.0 };
             }
         }
         // Of those that are as far off as one another all are kept.
         let left_out = (count - kept) as f64;
-        for (counts, farther) in counts[..count].iter_mut().zip(&farther) {
-            *counts = if *farther < left_out { 0.0 } else { 1.0 };
+        for (counts, as_far) in counts[..count].iter_mut().zip(&as_far) {
+            *counts = if *as_far > left_out { 1.0 } else { 0.0 };
         }
         let kept = counts.iter().sum::<f64>();
-        if kept < FEWEST as f64 {
-            return None;
-        }
         let plane = self.plane(&counts, kept)?;
         let off2 = self.off2(&plane, count);
         let squares: f64 = off2.iter().zip(&counts).map(|(off2, counts)| off2 * counts).sum();
@@ -382,6 +379,13 @@ mod tests {
         for [sx, sy] in slopes_at(&points(|x, y| 300.0 + 0.7 * x - 0.2 * y)) {
             assert!((sx - 0.7).abs() < 1e-9 && (sy + 0.2).abs() < 1e-9);
         }
+    }
+
+    #[test]
+    fn points_that_are_none_of_them_off_their_plane_are_all_kept() {
+        let mut slopes = Slopes::default();
+        slopes.lay_through(points(|_, _| 300.0).into_iter());
+        assert_eq!(slopes.at([2.0, 3.0, 300.0]), Some([0.0; 2]));
     }
 
     #[test]

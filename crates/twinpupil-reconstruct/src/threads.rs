@@ -36,19 +36,19 @@ pub(crate) fn for_each_chosen<T: Send>(
     });
 }
 
-/// Calls `work` with the number of every part, the part, and the desk that is the part's; there will be as many desks.
+/// Calls `work` with the number of every part, the part, and the desk that is the part's; desks are added until there is one for
+/// every part.
 pub(crate) fn for_each_part<P: Send, D: Default + Send>(
-    parts: impl Iterator<Item = P>,
+    parts: impl ExactSizeIterator<Item = P>,
     desks: &mut Vec<D>,
     threads: usize,
     work: impl Fn(usize, &mut P, &mut D) + Send + Sync,
 ) {
     const PARTS: usize = 16;
-    let parts: SmallVec<[P; PARTS]> = parts.collect();
     if desks.len() < parts.len() {
         desks.resize_with(parts.len(), D::default);
     }
-    let mut parts: SmallVec<[(P, &mut D); PARTS]> = parts.into_iter().zip(desks).collect();
+    let mut parts: SmallVec<[(P, &mut D); PARTS]> = parts.zip(desks).collect();
     for_each(&mut parts, threads, |number, (part, desk)| work(number, part, desk));
 }
 

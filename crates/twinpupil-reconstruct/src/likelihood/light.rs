@@ -244,6 +244,12 @@ impl EdgeView {
         }
     }
 
+    /// As the outline has it, which is skewed where the dot is foreshortened.
+    #[inline(always)]
+    pub(crate) fn outlined(local: &Local, du: f32, dv: f32) -> Self {
+        Self::at(local, du - local.skewed_px[0], dv - local.skewed_px[1])
+    }
+
     /// Whether a sample feels the edge, straight towards the centre.
     #[inline(always)]
     pub(crate) fn is_felt(&self) -> bool {

@@ -34,13 +34,13 @@ pub(crate) struct Desk {
     samples: Samples,
     /// The samples of the spot that is looked at, about its centre, its light there and that of others.
     places: Places,
-    profiles: Profiles,
     codes: Vec<f32>,
     own: Light,
     narrow: Light,
     others: Vec<f32>,
     near: Vec<Near>,
     weights: Weights,
+    profiles: Profiles,
 }
 
 /// Residuals beyond so many standard deviations belong to something else, once the fit is near.
@@ -173,7 +173,7 @@ impl Surroundings<'_> {
             steepness += near.steepness;
         }
         let ground = light.background + view.black.noise().black_level;
-        // Calibration has to be as near to the pixels as can be; where rims cut pencils or lines tell them, light bends.
+        // Calibration has to be as near to the pixels as can be; where rims cut pencils or conics tell them, light bends.
         let is_plain = !is_pinned && !is_slanted(&light.spot) && !light.spot.has_rims();
         let grain = if is_plain { Blocks::grain_for(blur_px, view.plane.step_px) } else { 1 };
         let across_px = ((grain - 1) * view.plane.step_px) as f64 * SQRT_2;

@@ -31,7 +31,7 @@ pub(crate) struct Conic {
 }
 
 impl Conic {
-    /// The dot behind the pupil of a place, negative where it is, in units of its squared radius; see [`Dots`].
+    /// The dot behind the pupil of a place, negative where it is, in units of its squared radius: what [`Dots`] hold.
     ///
     /// [`Dots`]: crate::likelihood::chords::Dots
     #[inline(always)]

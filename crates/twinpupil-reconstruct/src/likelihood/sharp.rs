@@ -33,8 +33,7 @@ pub(crate) fn sharp(local: &Local, places: &Places, out: &mut Light) {
 impl Point for Sharp<'_> {
     #[inline(always)]
     fn seen(&self, du: f32, dv: f32) -> [f32; 5] {
-        let [skewed_u, skewed_v] = self.local.skewed_px;
-        sharply(&EdgeView::at(self.local, du - skewed_u, dv - skewed_v))
+        sharply(&EdgeView::outlined(self.local, du, dv))
     }
 }
 

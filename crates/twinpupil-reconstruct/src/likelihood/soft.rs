@@ -68,7 +68,7 @@ pub(crate) fn soft(spot: &Spot, local: &Local, places: &Places, out: &mut Light)
     }
 }
 
-/// Whether only lines across the pupil tell the light of a spot.
+/// Whether the blur reaches so far around the ends of a foreshortened dot that only its conic, or lines, tell the light.
 pub(crate) fn is_slanted(spot: &Spot) -> bool {
     spot.foreshortening() * spot.blur_px_max() > SLANTED * spot.radius_px
 }
@@ -142,8 +142,9 @@ impl Edged for Focused<'_> {
     fn beside(&self, edge: &EdgeView) -> [f32; 5] {
         let (soft, sharp) = (self.0.beside(edge), sharply(edge));
         let mut seen = soft;
-        for (seen, sharp) in seen.iter_mut().zip(sharp) {
-            *seen = if edge.blur_px.abs() < SHARP_PX as f32 { sharp } else { *seen };
+        // Chosen number by number: lanes must not part here.
+        for (own, sharp) in seen.iter_mut().zip(sharp) {
+            *own = if edge.blur_px.abs() < SHARP_PX as f32 { sharp } else { *own };
         }
         seen
     }
@@ -167,11 +168,12 @@ impl Edged for Wide<'_> {
         let (inner, inner_slope) = reach(ends * per_square);
         // Along the edge its curvature makes a step inwards of the square's extent, across it one outwards of about half of
         // that: the light changes by `y/q`, y² ∝ ((q + 1)² − β²)(β² − (q − 1)²).
-        let t = q - 1.0;
-        let gone = 0.5 - 0.25 * t + 0.125 * (t * t + beta * beta);
+        let gone = (q + beta.max(1.0)) / ((q + 1.0 + beta) * (q + (1.0 - beta).abs()));
         let inwards = (outer - inner) * square_px - begins + ends - gone * edge.curvature_px();
         let overlap = Overlap::of(q - inwards * edge.per_px, beta);
-        let with_beta = overlap.with_beta - overlap.with_q * (outer_slope - inner_slope);
+        // Where the blur is the larger the light ends nearer to the centre as it grows.
+        let ends_slope = if beta > 1.0 { 2.0 - inner_slope } else { inner_slope };
+        let with_beta = overlap.with_beta - overlap.with_q * (outer_slope - ends_slope);
         let with_q = overlap.with_q * (outer_slope + inner_slope - 1.0);
         changes(self.local, edge, Overlap { with_q, with_beta, ..overlap }, beta)
     }
@@ -193,7 +195,7 @@ fn changes(local: &Local, edge: &EdgeView, Overlap { light, with_q, with_beta }:
 impl<K: Edged> Point for K {
     #[inline(always)]
     fn seen(&self, du: f32, dv: f32) -> [f32; 5] {
-        self.beside(&outlined(self.local(), du, dv))
+        self.beside(&EdgeView::outlined(self.local(), du, dv))
     }
 }
 
@@ -202,7 +204,7 @@ impl<K: Edged> Point for Slanted<K> {
     #[inline(always)]
     fn seen(&self, du: f32, dv: f32) -> [f32; 5] {
         let local = self.0.local();
-        let edge = outlined(local, du, dv);
+        let edge = EdgeView::outlined(local, du, dv);
         let mut seen = self.0.beside(&edge);
         let (q, beta) = nearest_part(&edge);
         let straight = EdgeView::at(local, du, dv);
@@ -211,12 +213,6 @@ impl<K: Edged> Point for Slanted<K> {
         seen[0] += if is_soft { more } else { 0.0 };
         seen
     }
-}
-
-/// The edge beside a place as the outline has it.
-#[inline(always)]
-fn outlined(local: &Local, du: f32, dv: f32) -> EdgeView {
-    EdgeView::at(local, du - local.skewed_px[0], dv - local.skewed_px[1])
 }
 
 /// Distance of a pixel's middle from the centre of the unit disc, and its blur there, as the nearest part of the edge has
@@ -231,7 +227,7 @@ fn nearest_part(edge: &EdgeView) -> (f32, f32) {
 /// What [`soft`] would have in the middle of a pixel, were it a point, and did no conic tell it.
 #[inline(always)]
 pub(crate) fn in_the_middle(local: &Local, du: f32, dv: f32) -> f32 {
-    let (q, beta) = nearest_part(&outlined(local, du, dv));
+    let (q, beta) = nearest_part(&EdgeView::outlined(local, du, dv));
     Overlap::of(q, beta).light
 }
 

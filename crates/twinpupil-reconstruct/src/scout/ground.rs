@@ -38,7 +38,7 @@ const TILE_SAMPLES: usize = 8;
 const SEARCHED: u32 = 12;
 const ROWS_TO_SHARE: usize = 480;
 
-/// Share of a tile that is surely ground on either side of the middle, however many features it holds.
+/// Share of a tile that is ground on either side of the middle, however many features it holds, but for a few tiles.
 const GROUND_SHARE: f64 = 0.2;
 
 /// A quantile of a tile's samples scatters by a fifth of a pixel's noise: even grounds differ by less than this.
@@ -66,16 +66,15 @@ impl Ground {
         survey.sample(plane);
         let codes = &survey.codes[..];
         let side = polarity.unwrap_or_else(|| longer_tail(codes));
-        let mut levels = tile_levels(codes, side, GROUND_SHARE);
-        let tiles = levels;
-        let start = quantile(&mut levels, 0.5);
+        let levels = tile_levels(codes, side, GROUND_SHARE);
+        let start = quantile(&mut levels.clone(), 0.5);
         let (level, scatter) = level_and_scatter(codes, start, side);
         let known = noise.map(|noise| noise.variance(level).sqrt() as f32);
         let pixel_noise = known.unwrap_or(0.0).max(scatter).max(ROUNDING_NOISE);
         // Light that grows across the frame scatters its levels too.
         let known = known.unwrap_or_else(|| measured_noise(plane) as f32);
         let tolerance = EVEN_SIGMAS * pixel_noise.min(NOISIER * known.max(ROUNDING_NOISE));
-        if is_even(&tiles, codes, side, tolerance) {
+        if is_even(&levels, codes, side, tolerance) {
             return Self { polarity: side, level, pixel_noise, surface: None };
         }
         let surface = Background::estimate(plane, polarity, noise, shading);
@@ -150,17 +149,21 @@ fn tile_levels(codes: &[u16], side: Polarity, ground_share: f64) -> [f32; TILES[
     levels
 }
 
-/// Whether tiles differ by no more than a tolerance; of a few, so crowded that they seem lit, less than of others is ground.
-fn is_even(tiles: &[f32; TILES[0] * TILES[1]], codes: &[u16], side: Polarity, tolerance: f32) -> bool {
+/// Whether tiles differ by no more than a tolerance, all or all but a few that are so crowded that they seem lit: then as much of
+/// every one is looked at as is ground there.
+fn is_even(levels: &[f32; TILES[0] * TILES[1]], codes: &[u16], side: Polarity, tolerance: f32) -> bool {
     const CROWDED_GROUND_SHARE: f64 = 0.05;
     const CROWDED_MAX: usize = TILES[0] * TILES[1] / 8;
     let sign = side.sign() as f32;
-    let lowest = tiles.iter().map(|level| sign * level).fold(f32::MAX, f32::min);
-    let is_lit = |level: &f32| sign * level > lowest + tolerance;
-    let lit = tiles.iter().filter(|level| is_lit(level)).count();
-    lit == 0
-        || lit <= CROWDED_MAX
-            && tile_levels(codes, side, CROWDED_GROUND_SHARE).iter().filter(|level| is_lit(level)).count() == 0
+    let lit = |levels: &[f32]| {
+        let lowest = levels.iter().map(|level| sign * level).fold(f32::MAX, f32::min);
+        levels.iter().filter(|level| sign * **level > lowest + tolerance).count()
+    };
+    match lit(levels) {
+        0 => true,
+        1..=CROWDED_MAX => lit(&tile_levels(codes, side, CROWDED_GROUND_SHARE)) == 0,
+        _ => false,
+    }
 }
 
 /// The polarity whose tail about the median is the longer.
@@ -248,11 +251,15 @@ mod tests {
     #[test]
     fn a_crowd_of_features_is_no_surface_and_a_lamp_is_one() {
         let near = |u: usize, v: usize, radius: usize| u.abs_diff(180).pow(2) + v.abs_diff(150).pow(2) < radius.pow(2);
-        let is_dot = |u: usize, v: usize| u % 20 > 1 && v % 20 > 1;
-        let crowd = ground(|u, v| 100 + noise(u, v) + if near(u, v, 60) && is_dot(u, v) { 900 } else { 0 });
+        let is_dot = |u: usize, v: usize| u % 20 > 2 && v % 20 > 1;
+        // Where no light falls, codes below zero read zero.
+        let dark = |u: usize, v: usize| noise(u, v).saturating_sub(8);
+        let crowd = ground(|u, v| dark(u, v) + if near(u, v, 60) && is_dot(u, v) { 900 } else { 0 });
         assert!(crowd.surface.is_none());
-        let lamp = ground(|u, v| 100 + noise(u, v) + if near(u, v, 60) { 900 } else { 0 });
+        let lamp = ground(|u, v| dark(u, v) + if near(u, v, 60) { 900 } else { 0 });
         assert!(lamp.surface.is_some());
+        let glow = ground(|u, v| 100 + noise(u, v) + if near(u, v, 60) { 12 } else { 0 });
+        assert!(glow.surface.is_some());
     }
 
     #[test]
