@@ -225,14 +225,12 @@ impl<const N: usize> Cloud<N> {
     #[inline(always)]
     fn fit(&self, count: usize) -> Option<Fit> {
         const FEWEST: usize = 5;
-        let mut counts = [0.0; N];
-        counts[..count].fill(1.0);
-        let first = self.plane(&counts, count as f64)?;
-        let kept = count - (count / 4).min(count.saturating_sub(FEWEST));
-        if kept < FEWEST {
+        if count < FEWEST {
             return None;
         }
-        let off2 = self.off2(&first, count);
+        let mut counts = [0.0; N];
+        counts[..count].fill(1.0);
+        let off2 = self.off2(&self.plane(&counts, count as f64)?);
         let mut as_far = [0.0; N];
         for other in &off2[..count] {
             for (as_far, off2) in as_far.iter_mut().zip(&off2) {
@@ -240,24 +238,23 @@ impl<const N: usize> Cloud<N> {
             }
         }
         // Of those that are as far off as one another all are kept.
-        let left_out = (count - kept) as f64;
+        let left_out = (count / 4).min(count - FEWEST) as f64;
         for (counts, as_far) in counts[..count].iter_mut().zip(&as_far) {
             *counts = if *as_far > left_out { 1.0 } else { 0.0 };
         }
         let kept = counts.iter().sum::<f64>();
         let plane = self.plane(&counts, kept)?;
-        let off2 = self.off2(&plane, count);
+        let off2 = self.off2(&plane);
         let squares: f64 = off2.iter().zip(&counts).map(|(off2, counts)| off2 * counts).sum();
         Some(Fit { plane, scatter_mm2: squares / (kept - 3.0) })
     }
 
-    /// Squares of the distances of the first points from a plane along z, mm².
+    /// Squares of the distances of all points from a plane along z, mm².
     #[inline(always)]
-    fn off2(&self, plane: &Plane, count: usize) -> [f64; N] {
+    fn off2(&self, plane: &Plane) -> [f64; N] {
         let [x0, y0, z0] = [0, 1, 2].map(|axis| plane.origin_mm[axis] - self.origin_mm[axis]);
         let ([sx, sy], mut off2) = (plane.slopes, [0.0; N]);
-        let places = self.x.iter().zip(&self.y).zip(&self.z).take(count.next_multiple_of(LANES));
-        for (off2, ((x, y), z)) in off2.iter_mut().zip(places) {
+        for (off2, ((x, y), z)) in off2.iter_mut().zip(self.x.iter().zip(&self.y).zip(&self.z)) {
             let off = (z - z0) - sx * (x - x0) - sy * (y - y0);
             *off2 = off * off;
         }

@@ -207,8 +207,9 @@ fn modelled_growth(joint: &Joint<'_>, index: usize, band: usize, glance: &mut Gl
     others.resize(codes.len(), 0.0);
     for neighbour in joint.buffers.neighbours.of(index * joint.bands.len() + band) {
         if let Some(other) = &joint.bodies[*neighbour as usize / joint.bands.len()].bands[band] {
-            near.find(&other.near(), spot.centre_px, places, profiles);
-            near.add(&other.near(), others);
+            let other = other.near();
+            near.find(&other, spot.centre_px, places, profiles);
+            near.add(&other, others);
         }
     }
     modelled.fill(spot, places, profiles);

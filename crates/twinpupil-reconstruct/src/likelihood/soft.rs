@@ -33,21 +33,20 @@ const SLANTED: f64 = 0.012;
 const BETA_MIN: f32 = 1e-3;
 
 /// Light whose pixels stand at three points across the edge.
-struct Narrow<'a> {
-    local: &'a Local,
-}
+struct Narrow;
 
 /// The same, and that of sharper edges where the blur is below [`SHARP_PX`].
-struct Focused<'a>(Narrow<'a>);
+struct Focused;
 
 /// Light whose blur is so wide that the pixel matters at the two ends of the edge only, where the profile is not smooth; see
 /// [`reach`].
-struct Wide<'a> {
-    local: &'a Local,
-}
+struct Wide;
 
-/// Such light where the blur reaches so far around the ends of a foreshortened dot that only its conic tells it.
-struct Slanted<K>(K);
+/// Such light of a spot.
+struct Round<'a, E>(&'a Local, E);
+
+/// The same where the blur reaches so far around the ends of a foreshortened dot that only its conic tells it.
+struct Slanted<'a, E>(&'a Local, E);
 
 /// Fills light and derivatives of a spot.
 pub(crate) fn soft(spot: &Spot, local: &Local, places: &Places, out: &mut Light) {
@@ -75,50 +74,43 @@ pub(crate) fn is_slanted(spot: &Spot) -> bool {
 
 #[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
 fn narrow(local: &Local, places: &Places, out: &mut Light) {
-    fill_by(&Each(Narrow { local }), places, out);
+    fill_by(&Each(Round(local, Narrow)), places, out);
 }
 
 #[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
 pub(crate) fn wide(local: &Local, places: &Places, out: &mut Light) {
-    fill_by(&Each(Wide { local }), places, out);
+    fill_by(&Each(Round(local, Wide)), places, out);
 }
 
 #[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
 fn focused(local: &Local, places: &Places, out: &mut Light) {
-    fill_by(&Each(Focused(Narrow { local })), places, out);
+    fill_by(&Each(Round(local, Focused)), places, out);
 }
 
 #[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
 fn slanted_focused(local: &Local, places: &Places, out: &mut Light) {
-    fill_by(&Each(Slanted(Focused(Narrow { local }))), places, out);
+    fill_by(&Each(Slanted(local, Focused)), places, out);
 }
 
 #[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
 fn slanted_narrow(local: &Local, places: &Places, out: &mut Light) {
-    fill_by(&Each(Slanted(Narrow { local })), places, out);
+    fill_by(&Each(Slanted(local, Narrow)), places, out);
 }
 
 #[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
 fn slanted_wide(local: &Local, places: &Places, out: &mut Light) {
-    fill_by(&Each(Slanted(Wide { local })), places, out);
+    fill_by(&Each(Slanted(local, Wide)), places, out);
 }
 
 /// Light at an edge.
 trait Edged {
-    fn local(&self) -> &Local;
-
     /// Light and its changes with u, v, radius and blur.
-    fn beside(&self, edge: &EdgeView) -> [f32; 5];
+    fn beside(&self, local: &Local, edge: &EdgeView) -> [f32; 5];
 }
 
-impl Edged for Narrow<'_> {
+impl Edged for Narrow {
     #[inline(always)]
-    fn local(&self) -> &Local {
-        self.local
-    }
-
-    #[inline(always)]
-    fn beside(&self, edge: &EdgeView) -> [f32; 5] {
+    fn beside(&self, local: &Local, edge: &EdgeView) -> [f32; 5] {
         let (step_px, side) = edge.pixel_points();
         let step = step_px * edge.per_px;
         let (q, beta) = nearest_part(edge);
@@ -128,19 +120,14 @@ impl Edged for Narrow<'_> {
         let with_q = side * (outer.with_q + inner.with_q) + centre * middle.with_q;
         let with_beta = side * (outer.with_beta + inner.with_beta) + centre * middle.with_beta;
         let light = side * (outer.light + inner.light) + centre * middle.light;
-        changes(self.local, edge, Overlap { light, with_q, with_beta }, beta)
+        changes(local, edge, Overlap { light, with_q, with_beta }, beta)
     }
 }
 
-impl Edged for Focused<'_> {
+impl Edged for Focused {
     #[inline(always)]
-    fn local(&self) -> &Local {
-        self.0.local
-    }
-
-    #[inline(always)]
-    fn beside(&self, edge: &EdgeView) -> [f32; 5] {
-        let (soft, sharp) = (self.0.beside(edge), sharply(edge));
+    fn beside(&self, local: &Local, edge: &EdgeView) -> [f32; 5] {
+        let (soft, sharp) = (Narrow.beside(local, edge), sharply(edge));
         let mut seen = soft;
         // Chosen number by number: lanes must not part here.
         for (own, sharp) in seen.iter_mut().zip(sharp) {
@@ -150,15 +137,10 @@ impl Edged for Focused<'_> {
     }
 }
 
-impl Edged for Wide<'_> {
+impl Edged for Wide {
     #[inline(always)]
-    fn local(&self) -> &Local {
-        self.local
-    }
-
-    #[inline(always)]
-    fn beside(&self, edge: &EdgeView) -> [f32; 5] {
-        let square_px = self.local.square_px;
+    fn beside(&self, local: &Local, edge: &EdgeView) -> [f32; 5] {
+        let square_px = local.square_px;
         let beta = (edge.blur_px.abs() * edge.per_px).max(BETA_MIN);
         let q = edge.q + edge.slanted(beta);
         // Across the edge in px: towards the dot from where the light begins, and outwards from where it is full.
@@ -175,7 +157,7 @@ impl Edged for Wide<'_> {
         let ends_slope = if beta > 1.0 { 2.0 - inner_slope } else { inner_slope };
         let with_beta = overlap.with_beta - overlap.with_q * (outer_slope - ends_slope);
         let with_q = overlap.with_q * (outer_slope + inner_slope - 1.0);
-        changes(self.local, edge, Overlap { with_q, with_beta, ..overlap }, beta)
+        changes(local, edge, Overlap { with_q, with_beta, ..overlap }, beta)
     }
 }
 
@@ -192,20 +174,21 @@ fn changes(local: &Local, edge: &EdgeView, Overlap { light, with_q, with_beta }:
     ]
 }
 
-impl<K: Edged> Point for K {
+impl<E: Edged> Point for Round<'_, E> {
     #[inline(always)]
     fn seen(&self, du: f32, dv: f32) -> [f32; 5] {
-        self.beside(&EdgeView::outlined(self.local(), du, dv))
+        let Self(local, kernel) = self;
+        kernel.beside(local, &EdgeView::outlined(local, du, dv))
     }
 }
 
-impl<K: Edged> Point for Slanted<K> {
+impl<E: Edged> Point for Slanted<'_, E> {
     /// What the conic tells otherwise changes little across a pixel.
     #[inline(always)]
     fn seen(&self, du: f32, dv: f32) -> [f32; 5] {
-        let local = self.0.local();
+        let Self(local, kernel) = self;
         let edge = EdgeView::outlined(local, du, dv);
-        let mut seen = self.0.beside(&edge);
+        let mut seen = kernel.beside(local, &edge);
         let (q, beta) = nearest_part(&edge);
         let straight = EdgeView::at(local, du, dv);
         let more = meeting(Conic::behind(local, &straight, [du, dv])) - Overlap::of(q, beta).light;
