@@ -2,8 +2,8 @@
 
 use twinpupil_instrument::PlaneView;
 
+use crate::likelihood::chords::{LANES, Lanes};
 use crate::noise::Noise;
-use crate::scout::light::read_every;
 
 /// Blocks of `grain × grain` pixels of a plane, side by side.
 #[derive(Debug, Clone, Copy)]
@@ -31,10 +31,9 @@ pub(crate) struct Likeness {
 /// Rows of pixels while blocks are made of them.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Lines {
-    row: Vec<f32>,
-    sum: Vec<f32>,
-    lowest: Vec<f32>,
-    highest: Vec<f32>,
+    sum: Vec<Lanes>,
+    lowest: Vec<Lanes>,
+    highest: Vec<Lanes>,
 }
 
 /// Largest number of pixels along the side of a block.
@@ -90,30 +89,30 @@ impl<'a> Blocks<'a> {
         self.origin_px
     }
 
-    /// Reads as many means of one row as `means` holds, from a column on; whether the pixels of each block are alike. Of single
-    /// pixels that is not asked.
+    /// Reads `count` means of one row from a column on, and what lies beyond them; whether the pixels of each block are alike.
+    /// Of single pixels that is not asked.
     #[inline(always)]
     pub(crate) fn read(
         &self,
         row: usize,
         first: usize,
+        count: usize,
         likeness: &Likeness,
         lines: &mut Lines,
-        means: &mut [f32],
+        means: &mut [Lanes],
     ) -> bool {
-        let codes = |part: usize| {
-            let line = self.plane.line(row * self.grain + part);
-            line.get(first * self.grain * self.plane.step_px..).unwrap_or_default()
-        };
         let step = self.plane.step_px;
+        let start = first * self.grain * step;
+        let line = |part: usize| self.plane.line(row * self.grain + part).get(start..).unwrap_or_default();
+        let means = &mut means[..count.div_ceil(LANES)];
         match self.grain {
             1 => {
-                read_every(codes(0), step, f32::from, means);
+                add_up([line(0)], step, [means, &mut [], &mut []]);
                 true
             }
-            2 => lines.take_means::<2>(codes, step, likeness, means),
-            3 => lines.take_means::<3>(codes, step, likeness, means),
-            _ => lines.take_means::<GRAIN_MAX>(codes, step, likeness, means),
+            2 => lines.take_means::<2>(line, step, count, likeness, means),
+            3 => lines.take_means::<3>(line, step, count, likeness, means),
+            _ => lines.take_means::<GRAIN_MAX>(line, step, count, likeness, means),
         }
     }
 }
@@ -147,45 +146,96 @@ impl Likeness {
 }
 
 impl Lines {
-    /// Means of N × N pixels, of which `codes` gives the N rows.
+    /// Means of N × N pixels, of which `line` gives the N rows; every `step`-th code is a pixel's.
     #[inline(always)]
     fn take_means<'c, const N: usize>(
         &mut self,
-        codes: impl Fn(usize) -> &'c [u16],
+        line: impl Fn(usize) -> &'c [u16],
         step: usize,
+        count: usize,
         likeness: &Likeness,
-        means: &mut [f32],
+        means: &mut [Lanes],
     ) -> bool {
-        let count = N * means.len();
-        if self.row.len() < count {
-            for line in [&mut self.row, &mut self.sum, &mut self.lowest, &mut self.highest] {
-                line.resize(count, 0.0);
+        let length = N * means.len();
+        let lines = [&mut self.sum, &mut self.lowest, &mut self.highest].map(|line| {
+            if line.len() < length {
+                line.resize(length, [0.0; LANES]);
             }
-        }
-        let [row, sum, lowest, highest] =
-            [&mut self.row, &mut self.sum, &mut self.lowest, &mut self.highest].map(|line| &mut line[..count]);
-        read_every(codes(0), step, f32::from, sum);
-        lowest.copy_from_slice(sum);
-        highest.copy_from_slice(sum);
-        for part in 1..N {
-            read_every(codes(part), step, f32::from, row);
-            for (((code, sum), lowest), highest) in row.iter().zip(&mut *sum).zip(&mut *lowest).zip(&mut *highest) {
-                *sum += code;
-                *lowest = if *code < *lowest { *code } else { *lowest };
-                *highest = if *code > *highest { *code } else { *highest };
-            }
-        }
+            &mut line[..length]
+        });
+        add_up::<N>(std::array::from_fn(line), step, lines);
+        let means = means.as_flattened_mut();
+        let blocks = means.len();
+        let [sums, lowest, highest] =
+            [&self.sum, &self.lowest, &self.highest].map(|line| &line.as_flattened().as_chunks::<N>().0[..blocks]);
         let per_pixel = 1.0 / (N * N) as f32;
-        let (sums, lowest, highest) = (sum.as_chunks::<N>().0, lowest.as_chunks::<N>().0, highest.as_chunks::<N>().0);
         let mut torn = 0;
-        for (((mean, sum), lowest), highest) in means.iter_mut().zip(sums).zip(lowest).zip(highest) {
-            *mean = per_pixel * sum.iter().sum::<f32>();
-            let lowest = lowest.iter().fold(f32::INFINITY, |least, code| if *code < least { *code } else { least });
-            let highest = highest.iter().fold(0.0, |most, code| if *code > most { *code } else { most });
-            torn |= likeness.is_torn(lowest, highest);
+        for block in 0..blocks {
+            means[block] = per_pixel * sums[block].iter().sum::<f32>();
+            let lowest =
+                lowest[block].iter().fold(f32::INFINITY, |least, code| if *code < least { *code } else { least });
+            let highest = highest[block].iter().fold(0.0, |most, code| if *code > most { *code } else { most });
+            let is_asked = u32::from((block as u32) < count as u32);
+            torn |= is_asked & likeness.is_torn(lowest, highest);
         }
         torn == 0
     }
+}
+
+/// Sums of the codes of N rows, and if there is more than one the lowest and the highest of them, column by column; every
+/// `step`-th code is a pixel's, and beyond the rows all are 0.
+#[inline(always)]
+fn add_up<const N: usize>(rows: [&[u16]; N], step: usize, [sum, lowest, highest]: [&mut [Lanes]; 3]) {
+    match step {
+        1 => add_up_by::<N, 1>(rows, [sum, lowest, highest]),
+        2 => add_up_by::<N, 2>(rows, [sum, lowest, highest]),
+        _ => {
+            for (place, sum) in sum.iter_mut().enumerate() {
+                let own = rows.map(|row| taken::<1>(row.get(place * LANES * step..).unwrap_or_default(), step));
+                let range = if N > 1 { place..place + 1 } else { 0..0 };
+                let (lowest, highest) = (&mut lowest[range.clone()], &mut highest[range]);
+                let rows = own.each_ref().map(|own| own.as_flattened());
+                add_up_by::<N, 1>(rows, [std::slice::from_mut(sum), lowest, highest]);
+            }
+        }
+    }
+}
+
+/// The same, where every STEP-th code is a pixel's.
+#[inline(always)]
+fn add_up_by<const N: usize, const STEP: usize>(rows: [&[u16]; N], [sum, lowest, highest]: [&mut [Lanes]; 3]) {
+    for (place, sum) in sum.iter_mut().enumerate() {
+        let range = place * LANES * STEP..(place + 1) * LANES * STEP;
+        let is_whole = rows.iter().all(|row| row.len() >= range.end);
+        let last = if is_whole {
+            [[[0; STEP]; LANES]; N]
+        } else {
+            rows.map(|row| taken::<STEP>(row.get(range.start..).unwrap_or_default(), 1))
+        };
+        let (mut total, mut low, mut high) = ([0.0; LANES], [f32::INFINITY; LANES], [0.0; LANES]);
+        for part in 0..N {
+            let codes: &[[u16; STEP]] = if is_whole { rows[part][range.clone()].as_chunks().0 } else { &last[part] };
+            let codes = &codes[..LANES];
+            for column in 0..LANES {
+                let code = f32::from(codes[column][0]);
+                total[column] += code;
+                low[column] = if code < low[column] { code } else { low[column] };
+                high[column] = if code > high[column] { code } else { high[column] };
+            }
+        }
+        *sum = total;
+        if N > 1 {
+            (lowest[place], highest[place]) = (low, high);
+        }
+    }
+}
+
+/// Every `step`-th code of a row, as far as it goes.
+#[inline(always)]
+fn taken<const STEP: usize>(row: &[u16], step: usize) -> [[u16; STEP]; LANES] {
+    let mut taken = [[0; STEP]; LANES];
+    taken.as_flattened_mut().iter_mut().zip(row.iter().step_by(step)).for_each(|(own, code)| *own = *code);
+    taken
 }
 
 #[cfg(test)]
@@ -210,10 +260,33 @@ mod tests {
                 let seen = Blocks::of(&plane, grain);
                 assert_eq!([seen.columns, seen.rows], blocks);
                 let likeness = Likeness::new(&NOISE, 0.0, 4095);
-                let mut means = vec![0.0; blocks[0] - 1];
-                assert!(seen.read(0, 1, &likeness, &mut Lines::default(), &mut means));
-                for (column, mean) in means.iter().enumerate() {
+                let (count, mut means) = (blocks[0] - 1, [[0.0; LANES]]);
+                assert!(seen.read(0, 1, count, &likeness, &mut Lines::default(), &mut means));
+                for (column, mean) in means.as_flattened()[..count].iter().enumerate() {
                     assert_eq!(f64::from(*mean), [seen.u_px(column + 1), seen.v_px(0)][axis]);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn rows_are_read_to_their_ends() {
+        // Wider than the lanes, and ending between them.
+        let (columns, rows) = (39, 8);
+        for step in 1..=3 {
+            let code = |place: usize| (7 * place % 251) as u16;
+            let codes: Vec<u16> = (0..columns * step * rows * step).map(code).collect();
+            let frame = Frame::new(columns * step, rows * step, 4095, vec![codes]).expect("a legal frame");
+            let mut plane = frame.plane(Mosaic::Mono, "0").expect("page 0");
+            (plane.columns, plane.rows, plane.step_px) = (columns, rows, step);
+            for grain in 1..=GRAIN_MAX {
+                let (seen, first) = (Blocks::of(&plane, grain), 2);
+                let (count, mut means) = (seen.columns - first, [[0.0; LANES]; 3]);
+                seen.read(1, first, count, &Likeness::new(&NOISE, 0.0, 4095), &mut Lines::default(), &mut means);
+                for (block, mean) in means.as_flattened()[..count].iter().enumerate() {
+                    let places = (0..grain * grain).map(|k| [grain + k / grain, grain * (first + block) + k % grain]);
+                    let sum: u32 = places.map(|[row, column]| u32::from(plane.code(column, row))).sum();
+                    assert_eq!(*mean, (1.0 / (grain * grain) as f32) * sum as f32, "{step} {grain} {block}");
                 }
             }
         }
@@ -225,7 +298,7 @@ mod tests {
         let reads = |code: u16| {
             let frame = frame(|u, v| if (u, v) == (5, 3) { code } else { 1000 });
             let plane = frame.plane(Mosaic::Rggb, "b").expect("rggb has b");
-            Blocks::of(&plane, 2).read(0, 0, &likeness, &mut Lines::default(), &mut [0.0; 4])
+            Blocks::of(&plane, 2).read(0, 0, 4, &likeness, &mut Lines::default(), &mut [[0.0; LANES]])
         };
         // √(1 + 99.2) is 10.
         assert!(reads(1000) && reads(1090) && reads(910));

@@ -2,6 +2,7 @@
 
 use nalgebra::SMatrix;
 
+use crate::likelihood::chords::LANES;
 use crate::likelihood::light::{Light, Places};
 use crate::likelihood::normal::{UNKNOWNS, products_with};
 use crate::likelihood::profile::Profiles;
@@ -23,8 +24,9 @@ pub(crate) struct Near {
     index: Vec<u32>,
     places: Places,
     light: Light,
-    /// Weights and one column of the spot itself there.
-    own: [Vec<f32>; 2],
+    /// Weights and columns of the spot itself there, as whole lanes.
+    weight: Vec<f32>,
+    columns: [Vec<f32>; UNKNOWNS],
 }
 
 /// A neighbour whose light falls into a window.
@@ -88,26 +90,22 @@ impl Near {
         if self.index.is_empty() {
             return None;
         }
-        let Self { index, light: other, own: [weight, of_column], .. } = self;
+        let Self { index, light: other, weight, columns, .. } = self;
         gather(index, &weights.weight, weight);
-        let columns = [&own.with_u, &own.with_v, &own.with_radius, &own.with_blur, &own.light, &own.open];
+        let of_own = [&own.with_u, &own.with_v, &own.with_radius, &own.with_blur, &own.light, &own.open];
+        columns.iter_mut().zip(of_own).for_each(|(column, own)| gather(index, own, column));
         let scales = [contrast, contrast, contrast, contrast, 1.0, 1.0];
         let others = [&other.with_u[..], &other.with_v, &other.with_radius, &other.with_blur, &other.light];
         let other_scales = [near.contrast, near.contrast, near.contrast, near.contrast, 1.0];
-        let mut block = SMatrix::zeros();
-        for (i, column) in columns.into_iter().enumerate() {
-            gather(index, column, of_column);
-            let products = products_with(others, weight, of_column);
-            for (k, product) in products.into_iter().enumerate() {
-                block[(i, k)] = scales[i] * other_scales[k] * product;
-            }
-        }
-        Some(block)
+        let mut products = [[0.0; 5]; UNKNOWNS];
+        products_with(others, weight, columns.each_ref().map(|column| &column[..]), &mut products);
+        Some(SMatrix::from_fn(|i, k| scales[i] * other_scales[k] * products[i][k]))
     }
 }
 
-/// The values with these indices.
+/// The values with these indices, and zeros behind them that fill the last lanes.
 fn gather(index: &[u32], values: &[f32], gathered: &mut Vec<f32>) {
     gathered.clear();
     gathered.extend(index.iter().map(|k| values[*k as usize]));
+    gathered.resize(index.len().next_multiple_of(LANES), 0.0);
 }

@@ -3,6 +3,7 @@
 use nalgebra::{Matrix2, Matrix3, Vector2};
 
 use crate::likelihood::black::Black;
+use crate::likelihood::chords::{LANES, Lanes};
 use crate::noise::Noise;
 
 /// Sums over the pixels that a spot fills: of their places `p = (u, v)` about the window's centre, and of their codes d
@@ -40,10 +41,11 @@ pub(crate) struct FullRow<'a> {
     pub(crate) dv_px: f64,
 }
 
-/// Codes of pixels side by side.
+/// Codes of pixels side by side: the first `count` of some, and what lies beyond them up to whole [`LANES`].
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Stretch<'a> {
     pub(crate) values: &'a [f32],
+    pub(crate) count: usize,
     /// Place of the first, and from each to the next.
     pub(crate) first_px: f64,
     pub(crate) step_px: f64,
@@ -149,8 +151,8 @@ impl Full {
             for (k, code) in row.codes.iter().step_by(row.step).take(row.count).enumerate() {
                 let place = [row.first_px + (row.step * k) as f64, row.dv_px];
                 if *code < code_max && is_own(place, f64::from(*code) - self.level) {
-                    let values = &[f32::from(*code)];
-                    kept.add(&Stretch { values, first_px: place[0], step_px: 1.0, dv_px: place[1] });
+                    let values = &[f32::from(*code); LANES];
+                    kept.add(&Stretch { values, count: 1, first_px: place[0], step_px: 1.0, dv_px: place[1] });
                 } else {
                     masked += 1;
                 }
@@ -213,14 +215,20 @@ impl Full {
     }
 }
 
+impl Stretch<'_> {
+    /// By whole lanes.
+    #[inline(always)]
+    pub(crate) fn chunks(&self) -> &[Lanes] {
+        let lanes = self.count.div_ceil(LANES);
+        &self.values.as_chunks().0[..lanes]
+    }
+}
+
 impl Incline {
     fn at(&self, [u, v]: [f64; 2]) -> f64 {
         self.level + self.slope[0] * u + self.slope[1] * v
     }
 }
-
-/// Pixels side by side.
-const LANES: usize = 8;
 
 /// Rows whose sums may stay in single precision.
 const ROWS: usize = 32;
@@ -231,9 +239,9 @@ pub(crate) struct Tally {
     full: Full,
     rows: usize,
     /// Σd, Σdu, Σdv and Σd² of the rows that are not in the sums yet.
-    sums: [[f32; LANES]; 4],
-    lowest: [f32; LANES],
-    highest: [f32; LANES],
+    sums: [Lanes; 4],
+    lowest: Lanes,
+    highest: Lanes,
 }
 
 impl Tally {
@@ -251,21 +259,27 @@ impl Tally {
     /// Adds pixels of a row.
     #[inline(always)]
     pub(crate) fn add(&mut self, stretch: &Stretch<'_>) {
-        if stretch.values.is_empty() {
+        if stretch.count == 0 {
             return;
         }
         self.place(stretch);
         let (first_px, step_px) = (stretch.first_px as f32, stretch.step_px as f32);
-        let mut along_px: [f32; LANES] = std::array::from_fn(|lane| first_px + step_px * (lane as u8) as f32);
-        let (chunks, rest) = stretch.values.as_chunks::<LANES>();
+        let mut along_px: Lanes = std::array::from_fn(|lane| first_px + step_px * (lane as u8) as f32);
+        let (chunks, rest) = (stretch.chunks(), stretch.count % LANES);
+        let (chunks, last) = if rest == 0 { (chunks, None) } else { (&chunks[..chunks.len() - 1], chunks.last()) };
         for chunk in chunks {
-            self.add_lanes(chunk, LANES, &along_px, stretch.dv_px as f32);
+            self.add_lanes(chunk, &[1.0; LANES], &along_px, stretch.dv_px as f32);
             along_px = along_px.map(|px| px + LANES as f32 * step_px);
         }
-        if !rest.is_empty() {
-            let mut last = [0.0; LANES];
-            last.iter_mut().zip(rest).for_each(|(last, value)| *last = *value);
-            self.add_lanes(&last, rest.len(), &along_px, stretch.dv_px as f32);
+        if let Some(last) = last {
+            // Others in the places of those that do not count.
+            let (mut own, mut counts) = (*last, [0.0; LANES]);
+            for lane in 0..LANES {
+                let is_own = (lane as u32) < rest as u32;
+                own[lane] = if is_own { own[lane] } else { last[0] };
+                counts[lane] = if is_own { 1.0 } else { 0.0 };
+            }
+            self.add_lanes(&own, &counts, &along_px, stretch.dv_px as f32);
         }
         self.rows += 1;
         if self.rows == ROWS {
@@ -273,19 +287,16 @@ impl Tally {
         }
     }
 
-    /// Adds the first `count` of some pixels.
+    /// Adds pixels to the sums that count.
     #[inline(always)]
-    fn add_lanes(&mut self, values: &[f32; LANES], count: usize, along_px: &[f32; LANES], dv_px: f32) {
+    fn add_lanes(&mut self, values: &Lanes, counts: &Lanes, along_px: &Lanes, dv_px: f32) {
         let level = self.full.level as f32;
         let [code, code_u, code_v, code2] = &mut self.sums;
         for lane in 0..LANES {
-            let counts = (lane as u32) < count as u32;
             let away = values[lane] - level;
-            let d = if counts { away } else { 0.0 };
-            let (low, high) =
-                (if counts { away } else { f32::INFINITY }, if counts { away } else { f32::NEG_INFINITY });
-            self.lowest[lane] = if low < self.lowest[lane] { low } else { self.lowest[lane] };
-            self.highest[lane] = if high > self.highest[lane] { high } else { self.highest[lane] };
+            let d = away * counts[lane];
+            self.lowest[lane] = if away < self.lowest[lane] { away } else { self.lowest[lane] };
+            self.highest[lane] = if away > self.highest[lane] { away } else { self.highest[lane] };
             code[lane] += d;
             code_u[lane] += d * along_px[lane];
             code_v[lane] += d * dv_px;
@@ -295,8 +306,8 @@ impl Tally {
 
     /// Adds where pixels of a row lie.
     #[inline(always)]
-    fn place(&mut self, Stretch { values, first_px, step_px: step, dv_px }: &Stretch<'_>) {
-        let n = values.len() as f64;
+    fn place(&mut self, Stretch { count, first_px, step_px: step, dv_px, .. }: &Stretch<'_>) {
+        let n = *count as f64;
         // The places are evenly spaced about their middle: Σ(k − k̄)² = n (n² − 1)/12.
         let middle = first_px + 0.5 * step * (n - 1.0);
         let Full { count, place, places, .. } = &mut self.full;
@@ -348,9 +359,10 @@ mod tests {
     fn of(rows: &[FullRow<'_>]) -> Full {
         let mut tally = Tally::about(990.0, 1.0);
         for FullRow { codes, step, first_px, dv_px, .. } in rows {
-            let values: Vec<f32> = codes.iter().step_by(*step).map(|code| f32::from(*code)).collect();
-            let step_px = *step as f64;
-            tally.add(&Stretch { values: &values, first_px: *first_px, step_px, dv_px: *dv_px });
+            let mut values: Vec<f32> = codes.iter().step_by(*step).map(|code| f32::from(*code)).collect();
+            let (count, step_px) = (values.len(), *step as f64);
+            values.resize(count + LANES, f32::NAN);
+            tally.add(&Stretch { values: &values, count, first_px: *first_px, step_px, dv_px: *dv_px });
         }
         tally.finish()
     }

@@ -19,7 +19,8 @@ pub(crate) struct Places {
     pub(crate) square_px: f32,
 }
 
-/// Light in every pixel, relative to a pixel that sees only the dot through an open pupil, and its derivatives, per px.
+/// Light in every pixel, relative to a pixel that sees only the dot through an open pupil, and its derivatives, per px; behind
+/// them as much as fills the last [`LANES`], finite.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Light {
     pub(crate) light: Vec<f32>,
@@ -89,7 +90,7 @@ impl Light {
     pub(crate) fn resize(&mut self, count: usize) {
         let Self { light, with_u, with_v, with_radius, with_blur, open, .. } = self;
         for values in [light, with_u, with_v, with_radius, with_blur, open] {
-            values.resize(count, 0.0);
+            values.resize(count.next_multiple_of(LANES), 0.0);
         }
     }
 

@@ -7,6 +7,7 @@ pub(crate) mod body;
 mod chords;
 mod coupling;
 mod covariance;
+mod crossings;
 mod cut;
 mod departure;
 mod full;

@@ -3,7 +3,7 @@
 use multiversion::multiversion;
 use nalgebra::{Matrix2, Matrix4, Matrix4x2, Matrix6, Vector2, Vector4, Vector6};
 
-use crate::likelihood::chords::padded;
+use crate::likelihood::chords::{LANES, Lanes};
 use crate::likelihood::full::FullSums;
 use crate::likelihood::light::{Light, Places};
 use crate::likelihood::weigh::Weights;
@@ -42,7 +42,6 @@ impl Default for Normal {
 impl Normal {
     /// Of pixels that see a spot of some contrast.
     pub(crate) fn of(light: &Light, places: &Places, contrast: f64, weights: &Weights) -> Self {
-        let count = weights.weight.len();
         let mut sums = Sums::default();
         sums.fill(light, places.edge, weights);
         let scales = [contrast, contrast, contrast, contrast, 1.0, 1.0];
@@ -52,7 +51,7 @@ impl Normal {
             score: Vector6::from_fn(|i, _| sums.score[i] * scales[i]),
             chi2: sums.chi2,
             used: sums.used,
-            masked: count - sums.used,
+            masked: places.len() - sums.used,
         }
     }
 
@@ -122,13 +121,14 @@ struct Sums {
 }
 
 impl Sums {
-    /// The first `edge` pixels feel all unknowns, the others contrast and background alone.
+    /// The first `edge` pixels, and those that share their last [`LANES`], feel all unknowns; the others contrast and
+    /// background alone.
     fn fill(&mut self, light: &Light, edge: usize, weights: &Weights) {
         let Light { light, with_u, with_v, with_radius, with_blur, open, .. } = light;
         let columns = [with_u, with_v, with_radius, with_blur, light, open];
         let count = weights.weight.len();
-        let ranges = [(0..edge, true), (edge..count, false)];
-        for (range, feels_edge) in ranges.into_iter().filter(|(range, _)| !range.is_empty()) {
+        let edge = edge.next_multiple_of(LANES);
+        for (range, feels_edge) in [(0..edge, true), (edge..count, false)] {
             let mut products = Products::default();
             for start in range.clone().step_by(BLOCK) {
                 let block = start..(start + BLOCK).min(range.end);
@@ -136,34 +136,27 @@ impl Sums {
                 multiply(columns.map(|column| &column[block.clone()]), weight, residual, feels_edge, &mut products);
                 self.used += used(weight);
             }
-            let rest = range.end - range.len() % LANES..range.end;
-            let [weight, residual] =
-                [&weights.weight, &weights.residual].map(|values| padded_lanes(&values[rest.clone()]));
-            let columns = columns.map(|column| padded_lanes(&column[rest.clone()]));
-            multiply(columns.each_ref().map(|column| &column[..]), &weight, &residual, feels_edge, &mut products);
-            self.add(&products);
+            if !range.is_empty() {
+                add_products(&products, self);
+            }
         }
     }
+}
 
-    /// Adds products in lanes.
-    #[inline(never)]
-    fn add(&mut self, Products { u, v, radius, blur, light, open, chi2 }: &Products) {
-        let rows: [&[Lanes]; UNKNOWNS] = [u, v, radius, blur, light, open];
-        for (i, row) in rows.into_iter().enumerate() {
-            let [with_columns @ .., with_residual] = row else { continue };
-            self.products[i][i..].iter_mut().zip(with_columns).for_each(|(sum, lanes)| *sum += total(lanes));
-            self.score[i] += total(with_residual);
-        }
-        self.chi2 += total(&chi2[0]);
+/// Adds products in lanes.
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2", "x86_64+avx"))]
+fn add_products(Products { u, v, radius, blur, light, open, chi2 }: &Products, sums: &mut Sums) {
+    let rows: [&[Lanes]; UNKNOWNS] = [u, v, radius, blur, light, open];
+    for (i, row) in rows.into_iter().enumerate() {
+        let [with_columns @ .., with_residual] = row else { continue };
+        sums.products[i][i..].iter_mut().zip(with_columns).for_each(|(sum, lanes)| *sum += total(lanes));
+        sums.score[i] += total(with_residual);
     }
+    sums.chi2 += total(&chi2[0]);
 }
 
 /// Pixels whose derivatives are near at hand.
 const BLOCK: usize = 512;
-
-/// Pixels that are looked at together, and sums side by side.
-const LANES: usize = 16;
-type Lanes = [f32; LANES];
 
 /// Sums of the products of every column with those from it on, and with the residuals; and of their squares.
 #[derive(Default)]
@@ -177,14 +170,13 @@ struct Products {
     chi2: [Lanes; 1],
 }
 
-fn padded_lanes(rest: &[f32]) -> [f32; LANES] {
-    padded(rest)
-}
-
+#[inline(always)]
 fn total(lanes: &Lanes) -> f64 {
-    let half = |lanes: &[f32]| std::array::from_fn(|lane| lanes[lane] + lanes[lane + 4]);
-    let ([a, b, c, d], [e, f, g, h]): ([f32; 4], [f32; 4]) = (half(&lanes[..8]), half(&lanes[8..]));
-    f64::from(((a + e) + (c + g)) + ((b + f) + (d + h)))
+    let mut quarters = [0.0; LANES / 4];
+    for lane in 0..LANES / 4 {
+        quarters[lane] = (lanes[lane] + lanes[lane + 4]) + (lanes[lane + 8] + lanes[lane + 12]);
+    }
+    f64::from((quarters[0] + quarters[2]) + (quarters[1] + quarters[3]))
 }
 
 /// Pixels that count.
@@ -235,18 +227,17 @@ fn add<const N: usize>(weight: &[f32], column: &[f32], others: [&[f32]; N], sums
     *sums = own;
 }
 
-/// Weighted sums of the products of a spot's column with those of a neighbour.
-pub(crate) fn products_with(others: [&[f32]; 5], weight: &[f32], column: &[f32]) -> [f64; 5] {
-    let mut sums = [Lanes::default(); 5];
-    multiply_with(others, weight, column, &mut sums);
-    let rest = weight.len() - weight.len() % LANES..;
-    let others = others.map(|other| padded_lanes(&other[rest.clone()]));
-    let [weight, column] = [weight, column].map(|values| padded_lanes(&values[rest.clone()]));
-    multiply_with(others.each_ref().map(|other| &other[..]), &weight, &column, &mut sums);
-    sums.map(|lanes| total(&lanes))
-}
-
+/// Weighted sums of the products of a spot's columns with those of a neighbour, by whole lanes.
 #[multiversion(targets("x86_64+avx512f", "x86_64+avx2", "x86_64+avx"))]
-fn multiply_with(others: [&[f32]; 5], weight: &[f32], column: &[f32], sums: &mut [Lanes; 5]) {
-    add(weight, column, others, sums);
+pub(crate) fn products_with(
+    others: [&[f32]; 5],
+    weight: &[f32],
+    columns: [&[f32]; UNKNOWNS],
+    products: &mut [[f64; 5]; UNKNOWNS],
+) {
+    for (column, products) in columns.into_iter().zip(products) {
+        let mut sums = [[0.0; LANES]; 5];
+        add(weight, column, others, &mut sums);
+        products.iter_mut().zip(&sums).for_each(|(product, sum)| *product = total(sum));
+    }
 }

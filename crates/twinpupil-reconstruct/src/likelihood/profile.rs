@@ -313,7 +313,7 @@ mod tests {
             let mut wide = Light::default();
             wide.resize(places.len());
             soft::wide(&local, &places, &mut wide);
-            for (index, light) in light.light.iter().enumerate() {
+            for (index, light) in light.light[..places.len()].iter().enumerate() {
                 let part = |k: usize| square_px * ((k as f32 + 0.5) / FINE as f32 - 0.5);
                 let row = |v: f32| -> f64 {
                     let share = |k: usize| {

@@ -5,9 +5,11 @@ use twinpupil_instrument::PlaneView;
 
 use crate::fetch::fetch;
 use crate::likelihood::blocks::{Blocks, Likeness, Lines};
-use crate::likelihood::full::{Full, FullRow, Stretch, Tally};
+use crate::likelihood::chords::{LANES, Lanes};
+use crate::likelihood::crossings::{Crossings, Row, columns, rows};
+use crate::likelihood::full::{Full, Stretch, Tally};
 use crate::likelihood::light::Places;
-use crate::likelihood::outline::{Curve, Outline, Side};
+use crate::likelihood::outline::Outline;
 use crate::likelihood::pencil::length;
 use crate::likelihood::spot::{PIXEL_REACH_PX, Spot};
 use crate::noise::Noise;
@@ -17,13 +19,14 @@ use crate::noise::Noise;
 pub(crate) struct Samples {
     /// Those that feel an edge, those that see nothing but a dot, and those that see none of it.
     zones: [Zone; ZONES],
-    rows: Reading,
+    crossings: Crossings,
+    reading: Reading,
 }
 
 /// The row that is read.
 #[derive(Debug, Clone, Default)]
 struct Reading {
-    line: Vec<f32>,
+    line: Vec<Lanes>,
     lines: Lines,
 }
 
@@ -77,9 +80,6 @@ pub(crate) struct Window {
     pub(crate) pixels: f64,
     pub(crate) square_px: f64,
 }
-
-/// Pixels side by side.
-const LANES: usize = 8;
 
 /// Every which row is of the quarter; and where that has so many pixels that feel an edge that half of them tell enough.
 const QUARTER: usize = 4;
@@ -146,19 +146,16 @@ impl Samples {
         let rings = Rings { outline: rings.outline.widened(SLACK_PX), even_px: rings.even_px - SLACK_PX, ..*rings };
         let ([u_px, v_px], window_px) = (rings.outline.centre_px, rings.window_px);
         let pixels = Blocks::of(plane, 1);
-        let Span { first, end } = columns(plane, u_px, [-window_px, window_px]);
-        fetch(plane, rows(&pixels, v_px, window_px), first..end);
+        fetch(plane, rows(&pixels, v_px, window_px), columns(plane, u_px, window_px));
         let blocks = (rings.grain > 1).then(|| self.read_blocks(&Blocks::of(plane, rings.grain), noise, &rings));
         if let Some(window) = blocks.flatten() {
             return window;
         }
         let (mut window, _) = self.read_even(&pixels, noise, &rings);
         if !window.full.is_even(noise, plane.code_max) {
-            let curves = Curves::of(&rings);
-            let inside = rows(&pixels, rings.outline.centre_px[1], rings.window_px)
-                .map(|row| curves.row(&pixels, row))
-                .map(|row| row.full(&pixels))
-                .filter(|row| row.count > 0);
+            self.crossings.find(&rings, &pixels);
+            let crossed = (0..self.crossings.len()).map(|row| self.crossings.row(row, &pixels));
+            let inside = crossed.map(|row| row.full(&pixels)).filter(|row| row.count > 0);
             window.full = window.full.without_foreign(noise, plane.code_max, inside);
         }
         window
@@ -199,25 +196,21 @@ impl Samples {
         rings: &Rings,
         sums_ground: bool,
     ) -> (Window, bool) {
-        let rows = rows(blocks, rings.outline.centre_px[1], rings.window_px);
-        let area = rows.len() * (2.0 * rings.window_px / blocks.step_px) as usize;
+        let Self { zones, crossings, reading } = self;
+        crossings.find(rings, blocks);
+        let area = crossings.len() * (2.0 * rings.window_px / blocks.step_px) as usize;
         let edge = rings.outline.edge_px2() / (blocks.step_px * blocks.step_px);
         let every = match area < SAMPLES_FEW {
             true => 1,
             false if edge < QUARTER as f64 * EDGE_MANY => QUARTER,
             false => EIGHTH,
         };
-        let first = counts(&self.zones);
-        let curves = Curves::of(rings);
+        let first = counts(zones);
         let mut tallies = rings.levels.map(|level| Tally::about(level, blocks.pixels()));
-        let Self { zones, rows: reading } = self;
-        let first_row = rows.start;
-        let is_of_quarter = |row: &usize| (row - first_row).is_multiple_of(every);
-        let read = Read { blocks, likeness, curves: &curves, sums_ground };
-        let is_quarter_whole = read_rows(read, rows.clone().step_by(every), reading, zones, &mut tallies);
+        let read = Read { blocks, likeness, crossings, sums_ground, every };
+        let is_quarter_whole = read_rows(&read, Share::Quarter, reading, zones, &mut tallies);
         let quarter = counts(zones);
-        let others = rows.filter(|row| !is_of_quarter(row));
-        let are_others_whole = read_rows(read, others, reading, zones, &mut tallies);
+        let are_others_whole = read_rows(&read, Share::All, reading, zones, &mut tallies);
         let [full, ground] = tallies.map(Tally::finish);
         let ends = [quarter, counts(zones)];
         let (pixels, square_px) = (blocks.pixels(), blocks.square_px());
@@ -260,24 +253,20 @@ impl Zone {
     /// Adds pixels of a row.
     #[inline(always)]
     fn add(&mut self, stretch: &Stretch<'_>) {
-        if stretch.values.is_empty() {
-            return;
-        }
-        let (start, end) = (self.count, self.count + stretch.values.len());
+        let (start, end) = (self.count, self.count + stretch.count);
         if self.codes.len() < end + LANES {
             self.make_room(end);
         }
         self.count = end;
-        let Self { du, dv, codes, .. } = self;
-        let (du, dv) = (du[start..end + LANES].as_chunks_mut::<LANES>().0, dv[start..end + LANES].as_chunks_mut().0);
+        let [du, dv, codes] =
+            [&mut self.du, &mut self.dv, &mut self.codes].map(|values| values[start..end + LANES].as_chunks_mut().0);
         let (first_px, step_px) = (stretch.first_px as f32, stretch.step_px as f32);
         let mut along_px: [f32; LANES] = std::array::from_fn(|lane| first_px + step_px * (lane as u8) as f32);
         // What is written beyond the end will be overwritten.
-        for (du, dv) in du.iter_mut().zip(dv).take(stretch.values.len().div_ceil(LANES)) {
-            (*du, *dv) = (along_px, [stretch.dv_px as f32; LANES]);
+        for (((du, dv), code), value) in du.iter_mut().zip(dv).zip(codes).zip(stretch.chunks()) {
+            (*du, *dv, *code) = (along_px, [stretch.dv_px as f32; LANES], *value);
             along_px = along_px.map(|px| px + LANES as f32 * step_px);
         }
-        codes[start..end].iter_mut().zip(stretch.values).for_each(|(code, value)| *code = *value);
     }
 
     #[cold]
@@ -289,27 +278,31 @@ impl Zone {
 }
 
 /// What is read of rows, and into what parts.
-#[derive(Clone, Copy)]
 struct Read<'a> {
     blocks: &'a Blocks<'a>,
     likeness: &'a Likeness,
-    curves: &'a Curves,
+    crossings: &'a Crossings,
     sums_ground: bool,
+    /// Every which row is of the quarter, a power of two.
+    every: usize,
 }
 
-/// Adds the samples of rows to zones, or to the sums over what the spot fills and over the ground; whether the pixels of
-/// every sample are alike.
+/// Adds the samples of the rows of the quarter, or of all others, to zones, or to the sums over what the spot fills and over
+/// the ground; whether the pixels of every sample are alike.
 #[multiversion(targets("x86_64+avx512f", "x86_64+avx2", "x86_64+avx"))]
 fn read_rows(
-    read: Read<'_>,
-    rows: impl Iterator<Item = usize>,
+    read: &Read<'_>,
+    share: Share,
     reading: &mut Reading,
     zones: &mut [Zone; ZONES],
     tallies: &mut [Tally; 2],
 ) -> bool {
     let mut is_whole = true;
-    for row in rows {
-        is_whole &= read.row(row, reading, zones, tallies);
+    for row in 0..read.crossings.len() {
+        let is_of_quarter = row & (read.every - 1) == 0;
+        if is_of_quarter == (share == Share::Quarter) {
+            is_whole &= read.row(&read.crossings.row(row, read.blocks), reading, zones, tallies);
+        }
     }
     is_whole
 }
@@ -318,20 +311,23 @@ impl Read<'_> {
     #[inline(always)]
     fn row(
         &self,
-        row: usize,
-        Reading { line, lines }: &mut Reading,
+        row: &Row,
+        reading: &mut Reading,
         [edge, inside, beside]: &mut [Zone; ZONES],
         [full, ground]: &mut [Tally; 2],
     ) -> bool {
-        let row = self.curves.row(self.blocks, row);
-        let Row { whole, outer, inner, even, .. } = row;
-        if line.len() < whole.len() {
-            line.resize(whole.len(), 0.0);
+        let Row { whole, outer, inner, even, .. } = *row;
+        // With room for the last stretch to be looked at by whole lanes.
+        let wides = whole.len().div_ceil(LANES) + 1;
+        let Reading { line, lines } = reading;
+        if line.len() < wides {
+            line.resize(wides, [0.0; LANES]);
         }
-        let line = &mut line[..whole.len()];
-        let is_whole = self.blocks.read(row.row, whole.first, self.likeness, lines, line);
+        let is_whole = self.blocks.read(row.row, whole.first, whole.len(), self.likeness, lines, line);
+        let line = line[..wides].as_flattened();
         let stretch = |first: usize, end: usize| Stretch {
-            values: &line[first - whole.first..end - whole.first],
+            values: &line[first - whole.first..],
+            count: end - first,
             first_px: row.beside_px(self.blocks, first),
             step_px: self.blocks.step_px,
             dv_px: row.dv_px,
@@ -350,126 +346,4 @@ impl Read<'_> {
         full.add(&stretch(even.first, even.end));
         is_whole
     }
-}
-
-/// The window, both sides of the edge and what is even within them, ready to be crossed by rows.
-struct Curves {
-    centre_px: [f64; 2],
-    lean: [f64; CURVES],
-    size2: [f64; CURVES],
-    narrowing: [f64; CURVES],
-}
-
-const CURVES: usize = 4;
-
-/// What a row shares with the window, with what lies within the outer side of the edge and within the inner one, and with
-/// what is even of that.
-struct Row {
-    row: usize,
-    u_px: f64,
-    dv_px: f64,
-    whole: Span,
-    outer: Span,
-    inner: Span,
-    even: Span,
-}
-
-impl Curves {
-    fn of(&Rings { outline, window_px, even_px, .. }: &Rings) -> Self {
-        let [outer, inner] = [Side::Outer, Side::Inner].map(|side| outline.curve(side));
-        let curves = [Curve::circle(window_px), outer, inner, Curve::circle(even_px.clamp(0.0, window_px))];
-        Self {
-            centre_px: outline.centre_px,
-            lean: curves.map(|curve| curve.lean),
-            size2: curves.map(|curve| curve.size2),
-            narrowing: curves.map(|curve| curve.narrowing),
-        }
-    }
-
-    #[inline(always)]
-    fn row(&self, blocks: &Blocks<'_>, row: usize) -> Row {
-        // Added to a number below it, it leaves that in the last bits.
-        const WHOLE: f64 = 4_503_599_627_370_496.0;
-        let [u_px, v_px] = self.centre_px;
-        let dv_px = blocks.v_px(row) - v_px;
-        let (middle_px, per_px) = (u_px - blocks.origin_px()[0], 1.0 / blocks.step_px);
-        let columns = blocks.columns as f64;
-        let (mut first, mut end) = ([0; CURVES], [0; CURVES]);
-        for curve in 0..CURVES {
-            let half2_px = self.size2[curve] - self.narrowing[curve] * dv_px * dv_px;
-            let half_px = half2_px.max(0.0).sqrt();
-            let middle_px = middle_px - self.lean[curve] * dv_px;
-            let low = ((middle_px - half_px) * per_px).max(0.0).min(columns).ceil();
-            let high = ((middle_px + half_px) * per_px + 1.0).max(0.0).min(columns).floor();
-            let high = if half2_px > 0.0 { high.max(low) } else { low };
-            first[curve] = (low + WHOLE).to_bits() as u32;
-            end[curve] = (high + WHOLE).to_bits() as u32;
-        }
-        let span = |curve: usize| Span { first: first[curve] as usize, end: end[curve] as usize };
-        let whole = span(0);
-        let outer = span(1).within(whole);
-        let inner = span(2).within(outer);
-        Row { row, u_px, dv_px, whole, outer, inner, even: span(3).within(inner) }
-    }
-}
-
-impl Row {
-    /// Where a column lies beside the centre, px.
-    #[inline(always)]
-    fn beside_px(&self, blocks: &Blocks<'_>, column: usize) -> f64 {
-        blocks.u_px(column) - self.u_px
-    }
-
-    /// What is even of it, of single pixels.
-    fn full<'a>(&self, pixels: &Blocks<'a>) -> FullRow<'a> {
-        let plane = pixels.plane;
-        FullRow {
-            codes: plane.line(self.row).get(self.even.first * plane.step_px..).unwrap_or_default(),
-            step: plane.step_px,
-            count: self.even.len(),
-            first_px: self.beside_px(pixels, self.even.first),
-            dv_px: self.dv_px,
-        }
-    }
-}
-
-/// Columns between two places beside `u_px`; none if there is nothing between them.
-fn columns(plane: &PlaneView<'_>, u_px: f64, [low_px, high_px]: [f64; 2]) -> Span {
-    let (origin, per_px) = (plane.origin_px[0] as f64, 1.0 / plane.step_px as f64);
-    let columns = plane.columns as f64;
-    let low = ((u_px + low_px - origin) * per_px).clamp(0.0, columns);
-    let high = ((u_px + high_px - origin) * per_px + 1.0).clamp(0.0, columns);
-    // Rounded up and down: casts cut what is behind the point.
-    let first = low as usize + usize::from((low as usize) as f64 != low);
-    let end = high as usize;
-    if high_px > low_px { Span { first, end: end.max(first) } } else { Span { first, end: first } }
-}
-
-/// Columns `first..end` of a row.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Span {
-    first: usize,
-    end: usize,
-}
-
-impl Span {
-    #[inline(always)]
-    fn len(self) -> usize {
-        self.end - self.first
-    }
-
-    /// The part of it in another.
-    fn within(self, around: Self) -> Self {
-        let first = self.first.clamp(around.first, around.end);
-        Self { first, end: self.end.clamp(first, around.end) }
-    }
-}
-
-/// Rows within a distance of a centre.
-fn rows(blocks: &Blocks<'_>, v_px: f64, radius_px: f64) -> std::ops::Range<usize> {
-    let (origin, step) = (blocks.origin_px()[1], blocks.step_px);
-    let rows = blocks.rows as f64;
-    let first = ((v_px - radius_px - origin) / step).ceil().clamp(0.0, rows) as usize;
-    let end = (((v_px + radius_px - origin) / step).floor() + 1.0).clamp(0.0, rows) as usize;
-    first..end.max(first)
 }

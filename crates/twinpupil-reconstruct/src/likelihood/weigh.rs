@@ -7,7 +7,7 @@ use crate::likelihood::chords::{LANES, Lanes, lanes, padded};
 use crate::likelihood::light::{Light, Places};
 
 /// Weights and residuals of pixels, for derivatives of the light alone: what the illumination and the end of the scale
-/// do to a code, and so to all of its derivatives, is in the weight.
+/// do to a code, and so to all of its derivatives, is in the weight. What fills the last [`LANES`] has none.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Weights {
     pub(crate) weight: Vec<f32>,
@@ -66,7 +66,7 @@ impl Weights {
         judge: &Judge<'_>,
     ) {
         for values in [&mut self.weight, &mut self.residual] {
-            values.resize(codes.len(), 0.0);
+            values.resize(codes.len().next_multiple_of(LANES), 0.0);
         }
         weigh(codes, places, light, others, levels, judge, self);
     }
@@ -106,14 +106,16 @@ fn weigh(
     let ground = Ground::of(levels, judge.black);
     let pixels = [codes, &places.du, &places.dv, &light.light, &light.open, others];
     let pixels = pixels.map(|values| values[..codes.len()].as_chunks::<LANES>());
-    let ((weights, last_weights), (residuals, last_residuals)) = (weight.as_chunks_mut(), residual.as_chunks_mut());
-    for (chunk, (weights, residuals)) in weights.iter_mut().zip(residuals).enumerate() {
+    let ((weights, _), (residuals, _)) = (weight.as_chunks_mut::<LANES>(), residual.as_chunks_mut::<LANES>());
+    let whole = codes.len() / LANES;
+    for (chunk, (weights, residuals)) in weights.iter_mut().zip(&mut *residuals).enumerate().take(whole) {
         (*weights, *residuals) = weigh_lanes(pixels.map(|(chunks, _)| &chunks[chunk]), levels, judge, &ground);
     }
-    let last = pixels.map(|(_, rest)| padded(rest));
-    let (weights, residuals) = weigh_lanes(last.each_ref(), levels, judge, &ground);
-    last_weights.copy_from_slice(&weights[..last_weights.len()]);
-    last_residuals.copy_from_slice(&residuals[..last_residuals.len()]);
+    if let (Some(weights), Some(residuals)) = (weights.get_mut(whole), residuals.get_mut(whole)) {
+        let last = pixels.map(|(_, rest)| padded(rest));
+        (*weights, *residuals) = weigh_lanes(last.each_ref(), levels, judge, &ground);
+        weights[codes.len() % LANES..].fill(0.0);
+    }
 }
 
 /// Weights and residuals of pixels side by side.
