@@ -186,6 +186,7 @@ fn slopes_of(about_mm: impl Iterator<Item = [f64; 3]>, place_mm: [f64; 3], overa
 
 /// Numbers side by side, and how many of them hold what belongs together.
 const LANES: usize = 8;
+const NEAR_LANES: usize = NEAR.next_multiple_of(LANES);
 const AROUND_LANES: usize = AROUND.next_multiple_of(LANES);
 const OVERALL_LANES: usize = OVERALL.next_multiple_of(LANES);
 
@@ -199,15 +200,39 @@ struct Cloud<const N: usize> {
     count: usize,
 }
 
+#[inline(always)]
+fn total(lanes: &[f64; LANES]) -> f64 {
+    let mut halves = [0.0; LANES / 2];
+    for lane in 0..LANES / 2 {
+        halves[lane] = lanes[lane] + lanes[lane + LANES / 2];
+    }
+    (halves[0] + halves[2]) + (halves[1] + halves[3])
+}
+
 /// The planes through the nearest points of a cloud, and through all if there are more.
 #[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
 fn fits_about(cloud: &Cloud<AROUND_LANES>) -> [Option<Fit>; 2] {
-    [cloud.fit(cloud.count.min(NEAR)), if cloud.count > NEAR { cloud.fit(cloud.count) } else { None }]
+    [cloud.nearest().fit(), if cloud.count > NEAR { cloud.fit() } else { None }]
 }
 
 #[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
 fn fit_overall(cloud: &Cloud<OVERALL_LANES>) -> Option<Fit> {
-    cloud.fit(cloud.count)
+    cloud.fit()
+}
+
+impl Cloud<AROUND_LANES> {
+    /// The nearest of its points, which come first.
+    #[inline(always)]
+    fn nearest(&self) -> Cloud<NEAR_LANES> {
+        let Self { origin_mm, x, y, z, count } = self;
+        let count = NEAR.min(*count);
+        let mut near =
+            Cloud { origin_mm: *origin_mm, x: [0.0; NEAR_LANES], y: [0.0; NEAR_LANES], z: [0.0; NEAR_LANES], count };
+        for (near, all) in [&mut near.x, &mut near.y, &mut near.z].into_iter().zip([x, y, z]) {
+            near[..NEAR].copy_from_slice(&all[..NEAR]);
+        }
+        near
+    }
 }
 
 impl<const N: usize> Cloud<N> {
@@ -221,10 +246,11 @@ impl<const N: usize> Cloud<N> {
         cloud
     }
 
-    /// The plane through the first points, without those that lie farthest off it, two in nine.
+    /// The plane through its points, without those that lie farthest off it, two in nine.
     #[inline(always)]
-    fn fit(&self, count: usize) -> Option<Fit> {
+    fn fit(&self) -> Option<Fit> {
         const FEWEST: usize = 5;
+        let count = self.count;
         if count < FEWEST {
             return None;
         }
@@ -284,7 +310,11 @@ impl<const N: usize> Cloud<N> {
                 sums[7][lane] += y * z;
             }
         }
-        let [x, y, z, xx, xy, yy, xz, yz] = sums.map(|lanes| lanes.iter().sum::<f64>());
+        let mut totals = [0.0; 8];
+        for (total, lanes) in totals.iter_mut().zip(&sums) {
+            *total = self::total(lanes);
+        }
+        let [x, y, z, xx, xy, yy, xz, yz] = totals;
         let share = 1.0 / count;
         let [mx, my, mz] = [share * x, share * y, share * z];
         let [xx, xy, yy] = [xx - mx * x, xy - mx * y, yy - my * y];

@@ -48,7 +48,7 @@ impl Near {
         let (shift_u, shift_v, reach) = (shift(0), shift(1), reach_px as f32);
         self.index.clear();
         self.places.clear();
-        self.places.square_px = places.square_px;
+        (self.places.square_px, self.places.closely) = (places.square_px, places.closely);
         const MANY: usize = 16;
         let is_near = |du: f32, dv: f32| {
             let (du, dv) = (du + shift_u, dv + shift_v);

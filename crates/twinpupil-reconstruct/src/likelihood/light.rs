@@ -17,6 +17,8 @@ pub(crate) struct Places {
     pub(crate) lit: usize,
     /// Width of the square that a sample stands for, px: a pixel, or the square with the second moment of a block of them.
     pub(crate) square_px: f32,
+    /// Whether the light has to be as near as can be: on the way to its place a dot is not helped by conics and lines.
+    pub(crate) closely: bool,
 }
 
 /// Light in every pixel, relative to a pixel that sees only the dot through an open pupil, and its derivatives, per px; behind
@@ -62,7 +64,7 @@ pub(crate) struct Local {
 
 impl Default for Places {
     fn default() -> Self {
-        Self { du: Vec::new(), dv: Vec::new(), edge: 0, lit: 0, square_px: 1.0 }
+        Self { du: Vec::new(), dv: Vec::new(), edge: 0, lit: 0, square_px: 1.0, closely: true }
     }
 }
 

@@ -50,6 +50,11 @@ impl Outline {
         }
     }
 
+    /// How far from it its edge is felt, px.
+    pub(crate) fn reach_px(&self) -> f64 {
+        self.reach_px
+    }
+
     /// The same with an edge that is felt farther.
     pub(crate) fn widened(self, by_px: f64) -> Self {
         Self { reach_px: self.reach_px + by_px, ..self }

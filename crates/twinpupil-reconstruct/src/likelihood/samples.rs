@@ -89,8 +89,10 @@ const EDGE_MANY: f64 = 480.0;
 /// A window with fewer samples than this is looked at as a whole.
 const SAMPLES_FEW: usize = 256;
 
-/// A spot may move by so much before its window is read again, px.
+/// The edges of a spot may move by so much before its window is read again, px, and by this share of their widths; what moves
+/// against them, those of others, by as much.
 const SLACK_PX: f64 = 1.0;
+const SLACK_SHARE: f64 = 0.1;
 
 impl Window {
     /// Whether it still serves a spot with these rings, whose light reaches `reach_px`.
@@ -143,7 +145,9 @@ impl Samples {
 
     /// Reads the pixels of a plane within the rings.
     pub(crate) fn read(&mut self, plane: &PlaneView<'_>, noise: &Noise, rings: &Rings) -> Window {
-        let rings = Rings { outline: rings.outline.widened(SLACK_PX), even_px: rings.even_px - SLACK_PX, ..*rings };
+        let slack_px = SLACK_PX.max(SLACK_SHARE * rings.outline.reach_px());
+        let (outline, even_px) = (rings.outline.widened(slack_px), rings.even_px - 2.0 * slack_px);
+        let rings = Rings { outline, even_px, ..*rings };
         let ([u_px, v_px], window_px) = (rings.outline.centre_px, rings.window_px);
         let pixels = Blocks::of(plane, 1);
         fetch(plane, rows(&pixels, v_px, window_px), columns(plane, u_px, window_px));
@@ -228,7 +232,7 @@ impl Samples {
     ) {
         let [offset_u, offset_v] = window.offset_px(centre_px).map(|offset| offset as f32);
         places.clear();
-        places.square_px = window.square_px as f32;
+        (places.square_px, places.closely) = (window.square_px as f32, share == Share::All);
         codes.clear();
         for (zone, Zone { du, dv, codes: of_zone, .. }) in self.zones.iter().enumerate() {
             let range = window.first[zone]..window.ends[share as usize][zone];

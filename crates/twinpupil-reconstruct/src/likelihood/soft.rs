@@ -53,7 +53,7 @@ pub(crate) fn soft(spot: &Spot, local: &Local, places: &Places, out: &mut Light)
     let blur_px = spot.blur_px_min();
     // An outline that is more curved than the blur may cross the pupil's rim four times.
     let crosses_twice = spot.blur_px_max() < (1.0 - spot.foreshortening()).powi(2) * spot.radius_px;
-    let is_slanted = is_slanted(spot);
+    let is_slanted = is_slanted(spot) && places.closely;
     match is_slanted && crosses_twice {
         false if blur_px >= WIDE_PX => wide(local, places, out),
         false if blur_px >= SHARP_PX => narrow(local, places, out),
@@ -190,9 +190,8 @@ impl<E: Edged> Point for Slanted<'_, E> {
         let edge = EdgeView::outlined(local, du, dv);
         let mut seen = kernel.beside(local, &edge);
         let (q, beta) = nearest_part(&edge);
-        let straight = EdgeView::at(local, du, dv);
-        let more = meeting(Conic::behind(local, &straight, [du, dv])) - Overlap::of(q, beta).light;
-        let is_soft = straight.is_felt() & (straight.blur_px.abs() >= SHARP_PX as f32);
+        let more = meeting(Conic::behind(local, &edge, [du, dv])) - Overlap::of(q, beta).light;
+        let is_soft = edge.is_felt() & (edge.blur_px.abs() >= SHARP_PX as f32);
         seen[0] += if is_soft { more } else { 0.0 };
         seen
     }
