@@ -68,17 +68,17 @@ pub(crate) fn taken(edges: &Edges, shuts: &[Circles], rims: &[Circles]) -> Taken
             }
             for lane in 0..LANES {
                 let (sin, cos) = (side * sin_at[lane], cos_at[lane]);
-                let blur = x[lane] * cos + depth[lane];
+                let blur = x[lane].mul_add(cos, depth[lane]);
                 let piece = PIECE * (1.0 - share[lane]);
-                taken.across[lane] += piece * cos;
-                taken.along[lane] += piece * sin;
+                taken.across[lane] = piece.mul_add(cos, taken.across[lane]);
+                taken.along[lane] = piece.mul_add(sin, taken.along[lane]);
                 taken.length[lane] += piece;
-                taken.blur[lane] += piece * blur;
+                taken.blur[lane] = piece.mul_add(blur, taken.blur[lane]);
             }
         }
         for lane in 0..LANES {
-            at[0][lane] = sin_at[lane] * cos[lane] + cos_at[lane] * sin[lane];
-            at[1][lane] = cos_at[lane] * cos[lane] - sin_at[lane] * sin[lane];
+            at[0][lane] = sin_at[lane].mul_add(cos[lane], cos_at[lane] * sin[lane]);
+            at[1][lane] = cos_at[lane].mul_add(cos[lane], -sin_at[lane] * sin[lane]);
         }
     }
     taken
@@ -96,8 +96,8 @@ impl Circles {
     fn pass(&self, [x, y]: &[Lanes; 2], per_piece: &Lanes, inside: f32, share: &mut Lanes) {
         for lane in 0..LANES {
             let (dx, dy) = (x[lane] - self.x[lane], y[lane] - self.y[lane]);
-            let within = self.radius - (dx * dx + dy * dy).sqrt();
-            share[lane] *= (0.5 + inside * within * per_piece[lane]).clamp(0.0, 1.0);
+            let within = self.radius - dx.mul_add(dx, dy * dy).sqrt();
+            share[lane] *= (inside * within).mul_add(per_piece[lane], 0.5).clamp(0.0, 1.0);
         }
     }
 }

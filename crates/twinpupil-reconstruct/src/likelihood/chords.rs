@@ -174,14 +174,15 @@ impl Dots {
         };
         for (lane, outwards_px) in outwards_px.iter().enumerate() {
             let (cos, sin) = (edges.normal_u[lane], edges.normal_v[lane]);
-            let (u, v) = (edges.du[lane] + outwards_px * cos, edges.dv[lane] + outwards_px * sin);
-            let turn = |u: f32, v: f32| [xx * u + xy * v, yx * u + yy * v];
+            let (u, v) = (outwards_px.mul_add(cos, edges.du[lane]), outwards_px.mul_add(sin, edges.dv[lane]));
+            let turn = |u: f32, v: f32| [xx.mul_add(u, xy * v), yx.mul_add(u, yy * v)];
             let start = turn(u, v);
-            let blur_px = local.blur_px + local.blur_growth_px * start[0] * per_radius;
+            let blur_px = (local.blur_growth_px * per_radius).mul_add(start[0], local.blur_px);
             let [growth_u, growth_v] = local.blur_gradient;
-            let (growth_across, growth_along) = (growth_u * cos + growth_v * sin, growth_v * cos - growth_u * sin);
-            let across = turn(blur_px * cos - growth_across * u, blur_px * sin - growth_across * v);
-            let along = turn(-blur_px * sin - growth_along * u, blur_px * cos - growth_along * v);
+            let growth_across = growth_u.mul_add(cos, growth_v * sin);
+            let growth_along = growth_v.mul_add(cos, -growth_u * sin);
+            let across = turn(blur_px.mul_add(cos, -growth_across * u), blur_px.mul_add(sin, -growth_across * v));
+            let along = turn(-blur_px.mul_add(sin, growth_along * u), blur_px.mul_add(cos, -growth_along * v));
             for axis in 0..2 {
                 dots.start[axis][lane] = start[axis];
                 dots.across[axis][lane] = across[axis];
@@ -191,7 +192,7 @@ impl Dots {
             dots.growth_along[lane] = growth_along;
             // No line beyond the edge's tangent meets the dot.
             let reach = (edges.straight_px[lane] - outwards_px) / blur_px;
-            let reach = reach + 0.01 * reach.abs().copysign(blur_px);
+            let reach = reach.abs().copysign(blur_px).mul_add(0.01, reach);
             dots.high[lane] = if blur_px > 0.0 { reach.min(1.0) } else { 1.0 };
             dots.low[lane] = if blur_px > 0.0 { -1.0 } else { reach.max(-1.0) };
         }
@@ -204,13 +205,13 @@ impl Dots {
         let r = self.radius_px;
         for lane in 0..LANES {
             let x = x[lane];
-            let g0 = [0, 1].map(|axis: usize| self.start[axis][lane] + self.across[axis][lane] * x);
+            let g0 = [0, 1].map(|axis: usize| self.across[axis][lane].mul_add(x, self.start[axis][lane]));
             let g1 = [0, 1].map(|axis: usize| self.along[axis][lane]);
-            let (h0, h1) = (r * (1.0 - self.growth_across[lane] * x), -r * self.growth_along[lane]);
-            let a = (g1[0] * g1[0] + g1[1] * g1[1] - h1 * h1).max(1e-12);
-            let b = g0[0] * g1[0] + g0[1] * g1[1] - h0 * h1;
-            let c = g0[0] * g0[0] + g0[1] * g0[1] - h0 * h0;
-            let apart = b * b - a * c;
+            let (h0, h1) = (r * self.growth_across[lane].mul_add(-x, 1.0), -r * self.growth_along[lane]);
+            let a = g1[0].mul_add(g1[0], g1[1].mul_add(g1[1], -h1 * h1)).max(1e-12);
+            let b = g0[0].mul_add(g1[0], g0[1].mul_add(g1[1], -h0 * h1));
+            let c = g0[0].mul_add(g0[0], g0[1].mul_add(g0[1], -h0 * h0));
+            let apart = b.mul_add(b, -a * c);
             let root = apart.max(0.0).sqrt();
             let per_a = 1.0 / a;
             low[lane] = low[lane].max(if apart > 0.0 { (-b - root) * per_a } else { 1e9 });
@@ -225,7 +226,7 @@ pub(crate) fn share(dots: Option<&Dots>, circles: &[Circles]) -> Lanes {
     let mut sum = [0.0; LANES];
     let half = cross(dots, circles, coarse_lines(), |_, low, high, weight| {
         for lane in 0..LANES {
-            sum[lane] += weight * (high[lane] - low[lane]).max(0.0);
+            sum[lane] = weight.mul_add((high[lane] - low[lane]).max(0.0), sum[lane]);
         }
     });
     lanes(|lane| sum[lane] * half[lane] / PI)
@@ -295,8 +296,8 @@ fn cross(
     let middle = lanes(|lane| 0.5 * (first[lane] + last[lane]));
     let half = lanes(|lane| (0.5 * (last[lane] - first[lane])).max(0.0));
     for [position, weight] in lines {
-        let x = lanes(|lane| middle[lane] + half[lane] * position);
-        let mut high = lanes(|lane| (1.0 - x[lane] * x[lane]).max(0.0).sqrt());
+        let x = lanes(|lane| half[lane].mul_add(position, middle[lane]));
+        let mut high = lanes(|lane| x[lane].mul_add(-x[lane], 1.0).max(0.0).sqrt());
         let mut low = lanes(|lane| -high[lane]);
         for circle in circles {
             circle.narrow(&x, &mut low, &mut high);
@@ -333,7 +334,7 @@ impl Circles {
     pub(crate) fn chord(&self, x: &Lanes) -> Lanes {
         lanes(|lane| {
             let off = x[lane] - self.x[lane];
-            (self.radius * self.radius - off * off).max(0.0).sqrt()
+            off.mul_add(-off, self.radius * self.radius).max(0.0).sqrt()
         })
     }
 }

@@ -144,7 +144,7 @@ fn pick(kind: &[f32], wanted: f32, picked: &mut Vec<u32>) {
     picked.truncate(count);
 }
 
-#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma"))]
 fn kinds(local: &Local, places: &Places, touched: &[f32], kind: &mut [f32]) {
     let count = places.edge;
     let (du, dv) = (&places.du[..count], &places.dv[..count]);
@@ -193,23 +193,28 @@ impl Way {
     /// The shut circles and the rims as samples see them.
     #[inline(always)]
     fn seen_by(&self, edges: &Edges) -> [SmallVec<[Circles; 2]>; 2] {
-        [&self.shuts, &self.rims].map(|circles| circles.iter().map(|circle| circle.seen_by(edges)).collect())
+        let mut seen = [SmallVec::new(), SmallVec::new()];
+        // Functions that are handed closures may not be made for the processor.
+        for (seen, circles) in seen.iter_mut().zip([&self.shuts, &self.rims]) {
+            for circle in circles {
+                seen.push(circle.seen_by(edges));
+            }
+        }
+        seen
     }
 }
 
 impl Circle {
     #[inline(always)]
     fn seen_by(&self, edges: &Edges) -> Circles {
-        let place = |lane: usize| [self.x + self.per_px * edges.du[lane], self.y + self.per_px * edges.dv[lane]];
-        let across = |lane: usize| {
-            let [x, y] = place(lane);
-            edges.normal_u[lane] * x + edges.normal_v[lane] * y
-        };
-        let along = |lane: usize| {
-            let [x, y] = place(lane);
-            edges.normal_u[lane] * y - edges.normal_v[lane] * x
-        };
-        Circles { x: lanes(across), y: lanes(along), radius: self.radius, per_px: self.per_px }
+        let mut seen = Circles { x: [0.0; LANES], y: [0.0; LANES], radius: self.radius, per_px: self.per_px };
+        for lane in 0..LANES {
+            let x = self.per_px.mul_add(edges.du[lane], self.x);
+            let y = self.per_px.mul_add(edges.dv[lane], self.y);
+            seen.x[lane] = edges.normal_u[lane].mul_add(x, edges.normal_v[lane] * y);
+            seen.y[lane] = edges.normal_u[lane].mul_add(y, -edges.normal_v[lane] * x);
+        }
+        seen
     }
 }
 
@@ -237,7 +242,7 @@ fn cut_way(way: &Way, local: &Local, points: Points, places: &Places, out: &mut 
 }
 
 /// Takes what one circle shuts, inside (1) or outside (−1), from the open share of the pencils.
-#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma"))]
 fn close(circle: &Circle, inside: f32, places: &Places, touched: &mut [f32], open: &mut [f32]) {
     let count = places.len();
     let (du, dv) = (&places.du[..count], &places.dv[..count]);
@@ -246,13 +251,13 @@ fn close(circle: &Circle, inside: f32, places: &Places, touched: &mut [f32], ope
     let spread = places.square_px * per_px.abs() * HALF_WIDTH_PX;
     let is_wide = places.square_px > 1.0;
     for index in 0..count {
-        let (x, y) = (x + per_px * du[index], y + per_px * dv[index]);
-        let offset = (x * x + y * y).sqrt();
+        let (x, y) = (per_px.mul_add(du[index], x), per_px.mul_add(dv[index], y));
+        let offset = x.mul_add(x, y * y).sqrt();
         // Across the square of a block the shadow's edge bends. Two places on either side have its second moment along the
         // way to the middle; that across it lies farther from there.
         let shadow = |offset: f32| Overlap::of(offset, radius).light;
         let within = if is_wide {
-            let middle = (offset * offset + spread * spread).sqrt();
+            let middle = offset.mul_add(offset, spread * spread).sqrt();
             0.5 * (shadow(middle + spread) + shadow((middle - spread).abs()))
         } else {
             shadow(offset)
@@ -319,7 +324,7 @@ pub(crate) fn uneven(spot: &Spot, growth: [f32; 2], places: &Places, out: &mut L
     out.lopsided = lopsided;
 }
 
-#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma"))]
 fn add_uneven(way: &Way, local: &Local, growth: [f32; 2], places: &Places, indices: &[u32], out: &mut Light) {
     for indices in indices.chunks(LANES) {
         let edges = Edges::of(local, places, indices);
@@ -342,7 +347,7 @@ fn add_uneven(way: &Way, local: &Local, growth: [f32; 2], places: &Places, indic
 }
 
 /// Dims light and derivatives where the edge of the dot is not cut.
-#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma"))]
 fn dim(kind: &[f32], out: &mut Light) {
     let Light { light, with_u, with_v, with_radius, with_blur, open, .. } = out;
     for values in [light, with_u, with_v, with_radius, with_blur] {
@@ -414,7 +419,7 @@ impl Dots {
     }
 }
 
-#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma"))]
 fn add_by_lines(local: &Local, places: &Places, indices: &[u32], out: &mut Light) {
     for indices in indices.chunks(LANES) {
         let edges = Edges::of(local, places, indices);
@@ -428,7 +433,7 @@ fn add_by_lines(local: &Local, places: &Places, indices: &[u32], out: &mut Light
     }
 }
 
-#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma"))]
 fn cut_soft(way: &Way, local: &Local, points: Points, places: &Places, indices: &[u32], out: &mut Light) {
     for indices in indices.chunks(LANES) {
         let edges = Edges::of(local, places, indices);
@@ -461,7 +466,7 @@ fn cut_soft(way: &Way, local: &Local, points: Points, places: &Places, indices: 
 
 /// Light and derivatives of nearly sharp edges: every line across the pupil makes a step of its own, as high as the line
 /// is open.
-#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma"))]
 fn cut_sharp(way: &Way, local: &Local, places: &Places, indices: &[u32], out: &mut Light) {
     for indices in indices.chunks(LANES) {
         let edges = Edges::of(local, places, indices);
@@ -472,12 +477,12 @@ fn cut_sharp(way: &Way, local: &Local, places: &Places, indices: &[u32], out: &m
             let lengths = open_lengths(&[x; LANES], &[-half; LANES], &[half; LANES], &shuts, &rims);
             for lane in 0..LANES {
                 let pixel = Trapezoid::of(edges.normal_u[lane].abs(), edges.normal_v[lane].abs());
-                let (step, slope) = pixel.step(edges.depth_px[lane] - edges.blur_px[lane] * x);
+                let (step, slope) = pixel.step(edges.blur_px[lane].mul_add(-x, edges.depth_px[lane]));
                 let weight = share * 0.5 / half * lengths[lane];
                 open[lane] += weight;
-                light[lane] += weight * step;
-                density[lane] += weight * slope;
-                with_lines[lane] -= weight * slope * x;
+                light[lane] = weight.mul_add(step, light[lane]);
+                density[lane] = weight.mul_add(slope, density[lane]);
+                with_lines[lane] = (weight * slope).mul_add(-x, with_lines[lane]);
             }
         }
         for (lane, index) in indices.iter().enumerate() {

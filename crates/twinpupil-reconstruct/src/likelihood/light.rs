@@ -1,4 +1,7 @@
 //! The light of a spot at places on the page, and how it changes with the spot.
+//!
+//! Products and sums are fused (`mul_add`) where kernels are made of them: a tenth of the time of slanted edges. Processors that
+//! cannot fuse call a function for it, and take several times as long.
 
 use crate::likelihood::chords::{LANES, Lanes, padded};
 use crate::likelihood::cut::{Meetings, cut};
@@ -218,18 +221,18 @@ impl EdgeView {
     pub(crate) fn at(local: &Local, du: f32, dv: f32) -> Self {
         let [[xx, xy], [yx, yy]] = local.inverse;
         let per_radius = 1.0 / local.radius_px;
-        let (ex, ey) = ((xx * du + xy * dv) * per_radius, (yx * du + yy * dv) * per_radius);
-        let q = (ex * ex + ey * ey).max(1e-12).sqrt();
+        let (ex, ey) = (xx.mul_add(du, xy * dv) * per_radius, yx.mul_add(du, yy * dv) * per_radius);
+        let q = ex.mul_add(ex, ey * ey).max(1e-12).sqrt();
         let per_q = 1.0 / q;
         // In the very middle every way leads out.
         let (nx, ny) = if q > 1e-5 { (ex * per_q, ey * per_q) } else { (1.0, 0.0) };
-        let (gx, gy) = (nx * xx + ny * yx, nx * xy + ny * yy);
-        let gradient = (gx * gx + gy * gy).sqrt();
+        let (gx, gy) = (nx.mul_add(xx, ny * yx), nx.mul_add(xy, ny * yy));
+        let gradient = gx.mul_add(gx, gy * gy).sqrt();
         let per_gradient = 1.0 / gradient;
         // The same along the edge.
-        let (hx, hy) = (nx * yx - ny * xx, nx * yy - ny * xy);
+        let (hx, hy) = (nx.mul_add(yx, -ny * xx), nx.mul_add(yy, -ny * xy));
         let flatness = (xx * yy - xy * yx) * per_gradient;
-        let lean = (gx * hx + gy * hy) * per_gradient * per_gradient;
+        let lean = gx.mul_add(hx, gy * hy) * (per_gradient * per_gradient);
         Self {
             q,
             gx,
@@ -239,11 +242,11 @@ impl EdgeView {
             px: local.radius_px * per_gradient,
             per_px: per_radius * gradient,
             per_gradient,
-            blur_px: local.blur_px + local.blur_growth_px * ex.clamp(-1.0, 1.0),
+            blur_px: local.blur_growth_px.mul_add(ex.clamp(-1.0, 1.0), local.blur_px),
             curvature: flatness * flatness * per_gradient * per_radius,
             square_px: local.square_px,
             lean,
-            stretch: (hx * hx + hy * hy) * per_gradient * per_gradient - lean * lean,
+            stretch: hx.mul_add(hx, hy * hy).mul_add(per_gradient * per_gradient, -lean * lean),
         }
     }
 
@@ -274,9 +277,9 @@ impl EdgeView {
     pub(crate) fn slanted(&self, beta: f32) -> f32 {
         let x2 = (self.q - 1.0) * (self.q - 1.0);
         let per_beta2 = 1.0 / (beta * beta);
-        let middle = (1.0 - x2 * per_beta2).max(0.0) * (1.0 / 3.0);
+        let middle = x2.mul_add(-per_beta2, 1.0).max(0.0) * (1.0 / 3.0);
         let leant = self.lean * self.lean * x2.min(beta * beta);
-        0.5 * (leant + beta * beta * (self.stretch - 1.0) * middle)
+        0.5 * (beta * beta * (self.stretch - 1.0)).mul_add(middle, leant)
     }
 
     /// How far in the curvature of the edge lets it seem, on the average along a sample's square, px.
@@ -300,10 +303,10 @@ impl EdgeView {
         const MIDDLE: f32 = 0.175;
         const MIDDLE_ROOT: f32 = 0.418_33;
         let (uu, vv) = (self.normal_u * self.normal_u, self.normal_v * self.normal_v);
-        let square = 12.0 * ((uu * uu + vv * vv) * (1.0 / 80.0) + uu * vv * (1.0 / 24.0));
-        let x = square * (1.0 / MIDDLE) - 1.0;
-        let root = 1.0 + x * (0.5 + x * (-0.125 + x * (0.0625 - x * 0.039_062_5)));
-        let inverse = 1.0 - x * (1.0 - x * (1.0 - x * (1.0 - x * (1.0 - x))));
+        // 12 ((u⁴ + v⁴)/80 + u²v²/24), and u² + v² = 1.
+        let x = (uu * vv).mul_add(0.2 / MIDDLE, 0.15 / MIDDLE - 1.0);
+        let root = x.mul_add(x.mul_add(x.mul_add(x.mul_add(-0.039_062_5, 0.0625), -0.125), 0.5), 1.0);
+        let inverse = x.mul_add(x.mul_add(x.mul_add(x.mul_add(x.mul_add(-1.0, 1.0), -1.0), 1.0), -1.0), 1.0);
         (MIDDLE_ROOT * root * self.square_px, inverse * (1.0 / (24.0 * MIDDLE)))
     }
 }

@@ -156,7 +156,7 @@ fn rounded(number: f32) -> f32 {
 }
 
 /// Integrates at nodes that begin `reach_px` within the outline.
-#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma"))]
 fn integrate([radius_px, blur_px, square_px]: [f32; 3], reach_px: f32, columns: &mut Columns) {
     let (per_radius, step_px) = (1.0 / radius_px, 2.0 * reach_px / STEPS as f32);
     let beta = blur_px * per_radius;
@@ -168,13 +168,13 @@ fn integrate([radius_px, blur_px, square_px]: [f32; 3], reach_px: f32, columns: 
             for place in [-place, place] {
                 let start_px = square_px * place - reach_px;
                 for node in 0..NODES {
-                    let t = start_px + step_px * (node as u32) as f32;
+                    let t = step_px.mul_add((node as u32) as f32, start_px);
                     let t = t + along2 / (radius_px + t).max(1.0);
-                    let Overlap { light, with_q, with_beta } = Overlap::of((1.0 + t * per_radius).max(0.0), beta);
-                    of_light[node] += weight * light;
-                    of_t[node] += weight * per_radius * with_q;
-                    of_blur[node] += weight * per_radius * with_beta;
-                    of_turn[node] += turn * weight * light;
+                    let Overlap { light, with_q, with_beta } = Overlap::of(t.mul_add(per_radius, 1.0).max(0.0), beta);
+                    of_light[node] = weight.mul_add(light, of_light[node]);
+                    of_t[node] = (weight * per_radius).mul_add(with_q, of_t[node]);
+                    of_blur[node] = (weight * per_radius).mul_add(with_beta, of_blur[node]);
+                    of_turn[node] = (turn * weight).mul_add(light, of_turn[node]);
                 }
             }
         }
@@ -182,7 +182,7 @@ fn integrate([radius_px, blur_px, square_px]: [f32; 3], reach_px: f32, columns: 
 }
 
 /// Fills the rows between the nodes.
-#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma"))]
 fn refine([light, with_t, with_blur, turned]: &Columns, step_px: f32, rows: &mut [Row; ROWS]) {
     // A″h²/12 over the second derivative by the share of a step.
     const CHORD: f32 = 1.0 / (12 * FINENESS * FINENESS) as f32;
@@ -208,7 +208,7 @@ fn refine([light, with_t, with_blur, turned]: &Columns, step_px: f32, rows: &mut
     rows[STEPS * FINENESS] = [light[STEPS], with_t[STEPS], with_blur[STEPS], turned[STEPS]];
 }
 
-#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma"))]
 fn look_up(profile: &Profile, local: &Local, places: &Places, out: &mut Light) {
     fill_by(&Tabulated { profile, local }, places, out);
 }
@@ -235,15 +235,15 @@ impl Kernel for Tabulated<'_> {
         let (mut row, mut shares) = ([0; LANES], [Row::default(); LANES]);
         for lane in 0..LANES {
             let (u, v) = (du[lane] - local.skewed_px[0], dv[lane] - local.skewed_px[1]);
-            let distance = (u * u + v * v).max(1e-12).sqrt();
+            let distance = u.mul_add(u, v * v).max(1e-12).sqrt();
             let per_distance = 1.0 / distance;
             let (n_u, n_v) = (u * per_distance, v * per_distance);
-            let excess = square_u * n_u * n_u + square_v * n_v * n_v + product * n_u * n_v;
-            let outside = distance - radius_px * (1.0 - excess * (0.5 - 0.375 * excess));
-            let chord2 = (blur_px * blur_px - outside * outside).max(0.0);
-            let rounder = (0.25 * (mean - excess) * per_radius + (1.0 / 6.0) * more_curved) * chord2;
-            let along = ((xx * u + xy * v) * per_radius).clamp(-1.0, 1.0);
-            wider_px[lane] = (local.blur_px + local.blur_growth_px * along).abs() - blur_px;
+            let excess = (square_u * n_u).mul_add(n_u, square_v.mul_add(n_v, product * n_u) * n_v);
+            let outside = radius_px.mul_add(-excess.mul_add(-excess.mul_add(-0.375, 0.5), 1.0), distance);
+            let chord2 = outside.mul_add(-outside, blur_px * blur_px).max(0.0);
+            let rounder = (0.25 * per_radius).mul_add(mean - excess, (1.0 / 6.0) * more_curved) * chord2;
+            let along = (xx.mul_add(u, xy * v) * per_radius).clamp(-1.0, 1.0);
+            wider_px[lane] = local.blur_growth_px.mul_add(along, local.blur_px).abs() - blur_px;
             (out_px[lane], normal_u[lane], normal_v[lane]) = (distance, n_u, n_v);
             let place = ((outside + rounder - start_px) * rows_per_px).clamp(0.0, (STEPS * FINENESS) as f32);
             let whole = (place - 0.5).max(0.0) + WHOLE;
@@ -260,16 +260,16 @@ impl Kernel for Tabulated<'_> {
         for ((seen, high), share) in
             seen.as_flattened_mut().iter_mut().zip(high.as_flattened()).zip(shares.as_flattened())
         {
-            *seen += share * (high - *seen);
+            *seen = share.mul_add(high - *seen, *seen);
         }
         let [mut light, mut with_u, mut with_v, mut with_radius, mut with_blur] = [[0.0; LANES]; 5];
         for lane in 0..LANES {
             let [shared, with_t, with_b, turned] = seen[lane];
             let (uu, vv) = (normal_u[lane] * normal_u[lane], normal_v[lane] * normal_v[lane]);
-            light[lane] = shared + (1.0 - 8.0 * uu * vv) * turned + with_b * wider_px[lane];
+            light[lane] = (8.0 * uu).mul_add(-vv, 1.0).mul_add(turned, with_b.mul_add(wider_px[lane], shared));
             with_u[lane] = -with_t * normal_u[lane];
             with_v[lane] = -with_t * normal_v[lane];
-            with_radius[lane] = -(out_px[lane] * with_t + blur_px * with_b) * per_radius;
+            with_radius[lane] = -out_px[lane].mul_add(with_t, blur_px * with_b) * per_radius;
             with_blur[lane] = with_b * sign;
         }
         [light, with_u, with_v, with_radius, with_blur]

@@ -37,22 +37,22 @@ impl Conic {
     #[inline(always)]
     pub(crate) fn behind(local: &Local, edge: &EdgeView, [du, dv]: [f32; 2]) -> Self {
         let ([[xx, xy], [yx, yy]], per_radius) = (local.inverse, 1.0 / local.radius_px);
-        let turn = |u: f32, v: f32| [(xx * u + xy * v) * per_radius, (yx * u + yy * v) * per_radius];
+        let turn = |u: f32, v: f32| [xx.mul_add(u, xy * v) * per_radius, yx.mul_add(u, yy * v) * per_radius];
         let (cos, sin, outwards_px) = (edge.normal_u, edge.normal_v, edge.curvature_px());
-        let (u, v) = (du + outwards_px * cos, dv + outwards_px * sin);
+        let (u, v) = (outwards_px.mul_add(cos, du), outwards_px.mul_add(sin, dv));
         let [sx, sy] = turn(u, v);
-        let blur_px = local.blur_px + local.blur_growth_px * sx;
+        let blur_px = local.blur_growth_px.mul_add(sx, local.blur_px);
         let [growth_u, growth_v] = local.blur_gradient;
-        let (g, h) = (growth_u * cos + growth_v * sin, growth_v * cos - growth_u * sin);
-        let [ax, ay] = turn(blur_px * cos - g * u, blur_px * sin - g * v);
-        let [bx, by] = turn(-blur_px * sin - h * u, blur_px * cos - h * v);
+        let (g, h) = (growth_u.mul_add(cos, growth_v * sin), growth_v.mul_add(cos, -growth_u * sin));
+        let [ax, ay] = turn(blur_px.mul_add(cos, -g * u), blur_px.mul_add(sin, -g * v));
+        let [bx, by] = turn(-blur_px.mul_add(sin, h * u), blur_px.mul_add(cos, -h * v));
         Self {
-            xx: ax * ax + ay * ay - g * g,
-            xy: ax * bx + ay * by - g * h,
-            yy: bx * bx + by * by - h * h,
-            x: sx * ax + sy * ay + g,
-            y: sx * bx + sy * by + h,
-            one: sx * sx + sy * sy - 1.0,
+            xx: ax.mul_add(ax, ay.mul_add(ay, -g * g)),
+            xy: ax.mul_add(bx, ay.mul_add(by, -g * h)),
+            yy: bx.mul_add(bx, by.mul_add(by, -h * h)),
+            x: sx.mul_add(ax, sy.mul_add(ay, g)),
+            y: sx.mul_add(bx, sy.mul_add(by, h)),
+            one: sx.mul_add(sx, sy.mul_add(sy, -1.0)),
         }
     }
 
@@ -60,12 +60,13 @@ impl Conic {
     #[inline(always)]
     fn turned(self, cos: f32, sin: f32) -> Self {
         let Self { xx, xy, yy, x, y, one } = self;
+        let (cos2, sin2, mixed) = (cos * cos, sin * sin, 2.0 * cos * sin * xy);
         Self {
-            xx: cos * cos * xx + 2.0 * cos * sin * xy + sin * sin * yy,
-            xy: (cos * cos - sin * sin) * xy + cos * sin * (yy - xx),
-            yy: sin * sin * xx - 2.0 * cos * sin * xy + cos * cos * yy,
-            x: cos * x + sin * y,
-            y: cos * y - sin * x,
+            xx: cos2.mul_add(xx, sin2.mul_add(yy, mixed)),
+            xy: (cos2 - sin2).mul_add(xy, cos * sin * (yy - xx)),
+            yy: sin2.mul_add(xx, cos2.mul_add(yy, -mixed)),
+            x: cos.mul_add(x, sin * y),
+            y: cos.mul_add(y, -sin * x),
             one,
         }
     }
@@ -74,11 +75,12 @@ impl Conic {
     /// nearer to 0.
     #[inline(always)]
     fn upright(self) -> Self {
-        let per_growth = 1.0 / (self.x * self.x + self.y * self.y).max(1e-30).sqrt();
+        let per_growth = 1.0 / self.x.mul_add(self.x, self.y * self.y).max(1e-30).sqrt();
         let outwards = self.turned(self.x * per_growth, self.y * per_growth);
         // Its change along the rim at ±1 is 2 (xy ± y), and grows by 2 (yy − xx ∓ x).
-        let side = if outwards.one + outwards.yy > 0.0 { -1.0 } else { 1.0 };
-        let turn = (side * outwards.xy + outwards.y) / (outwards.x + side * (outwards.xx - outwards.yy)).max(1e-30);
+        let side: f32 = if outwards.one + outwards.yy > 0.0 { -1.0 } else { 1.0 };
+        let turn =
+            side.mul_add(outwards.xy, outwards.y) / side.mul_add(outwards.xx - outwards.yy, outwards.x).max(1e-30);
         let turn = turn.clamp(-STEP_MAX, STEP_MAX);
         let cos = shortened(turn);
         outwards.turned(cos, cos * turn)
@@ -101,9 +103,10 @@ impl Conic {
     /// Its value on the rim, and its change along that.
     #[inline(always)]
     fn along_rim(&self, (x, y): (f32, f32)) -> [f32; 2] {
-        let (along_x, along_y) = (self.xx * x + self.xy * y + self.x, self.xy * x + self.yy * y + self.y);
-        let value = along_x * x + along_y * y + self.x * x + self.y * y + self.one;
-        let slope = 2.0 * (along_y * x - along_x * y);
+        let along_x = self.xx.mul_add(x, self.xy.mul_add(y, self.x));
+        let along_y = self.xy.mul_add(x, self.yy.mul_add(y, self.y));
+        let value = (along_x + self.x).mul_add(x, (along_y + self.y).mul_add(y, self.one));
+        let slope = 2.0 * along_y.mul_add(x, -along_x * y);
         [value, slope.abs().max(1e-6).copysign(slope)]
     }
 }
@@ -113,14 +116,14 @@ impl Conic {
 fn stepped((x, y): (f32, f32), step: f32) -> (f32, f32) {
     let step = step.clamp(-STEP_MAX, STEP_MAX);
     let share = shortened(step);
-    (share * (x + step * y), share * (y - step * x))
+    (share * step.mul_add(y, x), share * step.mul_add(-x, y))
 }
 
 /// `1/√(1 + t²)` up to [`STEP_MAX`], 10⁻⁷ off at most.
 #[inline(always)]
 fn shortened(t: f32) -> f32 {
     let square = t * t;
-    1.0 + square * (-0.5 + square * (0.375 + square * (-0.3125 + square * 0.25)))
+    square.mul_add(square.mul_add(square.mul_add(square.mul_add(0.25, -0.3125), 0.375), -0.5), 1.0)
 }
 
 /// Share of the unit disc in which a quadratic is negative that is no more curved than the disc.
@@ -129,28 +132,31 @@ pub(crate) fn meeting(conic: Conic) -> f32 {
     let conic = conic.upright();
     let Conic { xx: a, xy: b, yy: c, x: g, y: e, one } = conic;
     // Where the rim is crossed if both sides are alike.
-    let x0 = -(one + c) / (g + (g * g - (a - c) * (one + c)).max(0.0).sqrt()).max(1e-30);
-    let y0 = (1.0 - x0 * x0).max(0.0).sqrt();
+    let x0 = -(one + c) / (g + g.mul_add(g, -(a - c) * (one + c)).max(0.0).sqrt()).max(1e-30);
+    let y0 = x0.mul_add(-x0, 1.0).max(0.0).sqrt();
     let (start, is_crossed) = (x0.clamp(-1.0, 1.0), x0.abs() < 1.0);
     let [(x1, y1), (x2, y2)] = conic.crossings(start, y0);
     let (dx, dy) = (x1 - x2, y1 - y2);
-    let length = (dx * dx + dy * dy).max(1e-12).sqrt();
-    let (per_length, half_length) = (1.0 / length, 0.5 * length);
-    let (across_x, across_y) = (dy * per_length, -dx * per_length);
-    // How far the chord lies along its normal from the centre of the disc, and from that of the ellipse.
-    let beyond = 0.5 * ((x1 + x2) * across_x + (y1 + y2) * across_y);
-    let per_det = 1.0 / (a * c - b * b).max(1e-30);
-    let (middle_x, middle_y) = ((b * e - g * c) * per_det, (g * b - a * e) * per_det);
-    let beyond_ellipse = beyond - middle_x * across_x - middle_y * across_y;
-    let square = (-(g * middle_x + e * middle_y) - one).max(1e-12);
-    let sin2 = (0.25 * (a * dx * dx + 2.0 * b * dx * dy + c * dy * dy) / square).min(1.0);
+    // Times half the chord's length: how far it lies along its normal from the centre of the disc.
+    let half_square = 0.5 * dx.mul_add(dx, dy * dy).max(1e-12);
+    let beyond = 0.5 * (x1 + x2).mul_add(dy, -(y1 + y2) * dx);
+    // Times det M: where the centre of the ellipse lies, how far from it the chord, and K.
+    let det = a.mul_add(c, -b * b).max(1e-12);
+    let (middle_x, middle_y) = (b.mul_add(e, -g * c), g.mul_add(b, -a * e));
+    let beyond_ellipse = beyond.mul_add(det, middle_y.mul_add(dx, -middle_x * dy));
+    let square = (-g.mul_add(middle_x, e.mul_add(middle_y, one * det))).max(1e-12 * det);
+    // One division for K and its inverse.
+    let inverse = 1.0 / (square * det * det);
+    let along = 0.25 * (a * dx).mul_add(dx, (2.0 * b).mul_add(dx, c * dy) * dy);
+    let sin2 = (along * inverse * (det * det * det)).min(1.0);
+    let size = square * square * inverse * det.sqrt();
     // η − sinη cosη of both segments.
-    let (sin, cos) = (sin2.sqrt(), (1.0 - sin2).sqrt());
+    let product = sin2.mul_add(-sin2, sin2).sqrt();
     let is_acute = beyond_ellipse > 0.0;
-    let cos = if is_acute { cos } else { -cos };
-    let [of_disc, of_ellipse] = angles([half_length, sin], [beyond, cos]);
-    let of_ellipse = if is_acute && sin2 < SERIES { small_segment(sin, sin2) } else { of_ellipse - sin * cos };
-    let area = PI - of_disc + half_length * beyond + square * per_det.sqrt() * of_ellipse;
+    let product = if is_acute { product } else { -product };
+    let [of_disc, of_ellipse] = angles([half_square, sin2], [beyond, product]);
+    let of_ellipse = if is_acute && sin2 < SERIES { small_segment(product, sin2) } else { of_ellipse - product };
+    let area = size.mul_add(of_ellipse, beyond.mul_add(0.5, PI - of_disc));
     let crossed = (area * (1.0 / PI)).clamp(0.0, 1.0);
     let uncrossed = if x0 > 0.0 { 1.0 } else { 0.0 };
     if is_crossed { crossed } else { uncrossed }
@@ -159,10 +165,11 @@ pub(crate) fn meeting(conic: Conic) -> f32 {
 /// Up to this sin²η [`small_segment`] is good to 10⁻⁷.
 const SERIES: f32 = 0.12;
 
-/// `η − sinη cosη` of a small angle.
+/// `η − sinη cosη` of a small angle, by `η = sinη cosη (1 + 2/3 sin²η + 2·4/3·5 sin⁴η + …)`.
 #[inline(always)]
-fn small_segment(sin: f32, sin2: f32) -> f32 {
-    sin * sin2 * (2.0 / 3.0 + sin2 * (1.0 / 5.0 + sin2 * (3.0 / 28.0 + sin2 * (5.0 / 72.0))))
+fn small_segment(product: f32, sin2: f32) -> f32 {
+    const COEFFICIENTS: [f32; 6] = [2.0 / 3.0, 8.0 / 15.0, 16.0 / 35.0, 128.0 / 315.0, 256.0 / 693.0, 1024.0 / 3003.0];
+    product * sin2 * COEFFICIENTS.iter().rev().fold(0.0_f32, |sum, coefficient| sum.mul_add(sin2, *coefficient))
 }
 
 #[cfg(test)]

@@ -25,7 +25,7 @@ struct Sharp<'a> {
 }
 
 /// Fills light and derivatives of a spot whose blur is below [`SHARP_PX`](crate::likelihood::light::SHARP_PX) everywhere.
-#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma"))]
 pub(crate) fn sharp(local: &Local, places: &Places, out: &mut Light) {
     fill_by(&Each(Sharp { local }), places, out);
 }

@@ -72,32 +72,32 @@ pub(crate) fn is_slanted(spot: &Spot) -> bool {
     spot.foreshortening() * spot.blur_px_max() > SLANTED * spot.radius_px
 }
 
-#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma"))]
 fn narrow(local: &Local, places: &Places, out: &mut Light) {
     fill_by(&Each(Round(local, Narrow)), places, out);
 }
 
-#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma"))]
 pub(crate) fn wide(local: &Local, places: &Places, out: &mut Light) {
     fill_by(&Each(Round(local, Wide)), places, out);
 }
 
-#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma"))]
 fn focused(local: &Local, places: &Places, out: &mut Light) {
     fill_by(&Each(Round(local, Focused)), places, out);
 }
 
-#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma"))]
 fn slanted_focused(local: &Local, places: &Places, out: &mut Light) {
     fill_by(&Each(Slanted(local, Focused)), places, out);
 }
 
-#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma"))]
 fn slanted_narrow(local: &Local, places: &Places, out: &mut Light) {
     fill_by(&Each(Slanted(local, Narrow)), places, out);
 }
 
-#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "x86_64+avx"))]
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma"))]
 fn slanted_wide(local: &Local, places: &Places, out: &mut Light) {
     fill_by(&Each(Slanted(local, Wide)), places, out);
 }
@@ -117,9 +117,9 @@ impl Edged for Narrow {
         let (outer, middle, inner) =
             (Overlap::of(q + step, beta), Overlap::of(q, beta), Overlap::of((q - step).abs(), beta));
         let centre = 1.0 - 2.0 * side;
-        let with_q = side * (outer.with_q + inner.with_q) + centre * middle.with_q;
-        let with_beta = side * (outer.with_beta + inner.with_beta) + centre * middle.with_beta;
-        let light = side * (outer.light + inner.light) + centre * middle.light;
+        let with_q = side.mul_add(outer.with_q + inner.with_q, centre * middle.with_q);
+        let with_beta = side.mul_add(outer.with_beta + inner.with_beta, centre * middle.with_beta);
+        let light = side.mul_add(outer.light + inner.light, centre * middle.light);
         changes(local, edge, Overlap { light, with_q, with_beta }, beta)
     }
 }
@@ -169,7 +169,7 @@ fn changes(local: &Local, edge: &EdgeView, Overlap { light, with_q, with_beta }:
         light,
         -with_q * edge.gx * per_radius,
         -with_q * edge.gy * per_radius,
-        -(edge.q * with_q + beta * with_beta) * per_radius,
+        -edge.q.mul_add(with_q, beta * with_beta) * per_radius,
         (with_beta * edge.per_px).copysign(with_beta * edge.blur_px),
     ]
 }
@@ -203,7 +203,7 @@ impl<E: Edged> Point for Slanted<'_, E> {
 fn nearest_part(edge: &EdgeView) -> (f32, f32) {
     let beta = (edge.blur_px.abs() * edge.per_px).max(BETA_MIN);
     // Along the edge, its curvature makes a step inwards of the pixel's extent.
-    (edge.q + edge.curvature_px() * edge.per_px + edge.slanted(beta), beta)
+    (edge.curvature_px().mul_add(edge.per_px, edge.q + edge.slanted(beta)), beta)
 }
 
 /// What [`soft`] would have in the middle of a pixel, were it a point, and did no conic tell it.
@@ -226,19 +226,20 @@ impl Overlap {
     pub(crate) fn of(q: f32, beta: f32) -> Self {
         let q = q.max(1e-6);
         let t = q - 1.0;
-        let kite = ((q + 1.0) * (q + 1.0) - beta * beta) * (beta * beta - t * t);
+        let (beta2, q2) = (beta * beta, q * q);
+        let kite = (q + 1.0).mul_add(q + 1.0, -beta2) * t.mul_add(-t, beta2);
         // 2 q times the half chord, and what lies between it and either centre.
         let chord = kite.max(0.0).sqrt();
-        let (of_dot, of_blur) =
-            (Octant::of(chord, q * q + 1.0 - beta * beta), Octant::of(chord, q * q - 1.0 + beta * beta));
+        let (of_dot, of_blur) = (Octant::of(chord, q2 + (1.0 - beta2)), Octant::of(chord, q2 - (1.0 - beta2)));
         // One division for all.
         let inverse = 1.0 / (q * of_dot.long * of_blur.long);
         let per_q = inverse * of_dot.long * of_blur.long;
         let dot_angle = of_dot.angle(of_dot.short * inverse * q * of_blur.long);
         let blur_angle = of_blur.angle(of_blur.short * inverse * q * of_dot.long);
-        let share = (1.0 / (beta * beta)) * FRAC_1_PI;
-        let light = (beta * beta * blur_angle + dot_angle - 0.5 * chord) * share;
-        Self { light, with_q: -chord * per_q * share, with_beta: 2.0 * share * beta * (blur_angle - PI * light) }
+        let share = (1.0 / beta2) * FRAC_1_PI;
+        let light = beta2.mul_add(blur_angle, chord.mul_add(-0.5, dot_angle)) * share;
+        let with_beta = 2.0 * share * beta * light.mul_add(-PI, blur_angle);
+        Self { light, with_q: -chord * per_q * share, with_beta }
     }
 }
 
@@ -263,10 +264,10 @@ fn reach(depth: f32) -> (f32, f32) {
         -0.100_013_86,
     ];
     let h = depth.clamp(BEFORE, BEHIND);
-    let (mut near, mut near_slope) = (0.0, 0.0);
+    let (mut near, mut near_slope) = (0.0_f32, 0.0_f32);
     for coefficient in COEFFICIENTS.iter().rev() {
-        near_slope = near_slope * h + near;
-        near = near * h + coefficient;
+        near_slope = near_slope.mul_add(h, near);
+        near = near.mul_add(h, *coefficient);
     }
     let per_depth = 1.0 / depth.max(BEHIND);
     let far = depth + per_depth * (1.0 / 48.0 + 1.2e-4 * per_depth * per_depth);
@@ -324,5 +325,5 @@ fn arc_tangent(x: f32) -> f32 {
         -0.004_054_124,
     ];
     let square = x * x;
-    x * COEFFICIENTS.iter().rev().fold(0.0, |sum, coefficient| sum * square + coefficient)
+    x * COEFFICIENTS.iter().rev().fold(0.0_f32, |sum, coefficient| sum.mul_add(square, *coefficient))
 }
