@@ -49,24 +49,45 @@ impl Near {
         self.index.clear();
         self.places.clear();
         (self.places.square_px, self.places.closely) = (places.square_px, places.closely);
-        const MANY: usize = 16;
         let is_near = |du: f32, dv: f32| {
             let (du, dv) = (du + shift_u, dv + shift_v);
             du * du + dv * dv < reach * reach
         };
-        for (chunk, (du, dv)) in places.du.chunks(MANY).zip(places.dv.chunks(MANY)).enumerate() {
+        for (chunk, (du, dv)) in places.du.chunks(LANES).zip(places.dv.chunks(LANES)).enumerate() {
             // Most pixels are no neighbour's.
             let near = du.iter().zip(dv).map(|(du, dv)| u32::from(is_near(*du, *dv)));
             if near.sum::<u32>() > 0 {
-                for (lane, (du, dv)) in du.iter().zip(dv).enumerate().filter(|(_, (du, dv))| is_near(**du, **dv)) {
-                    self.index.push((chunk * MANY + lane) as u32);
-                    self.places.push(du + shift_u, dv + shift_v);
-                }
+                self.take(chunk * LANES, [du, dv], [shift_u, shift_v], is_near);
             }
         }
+        self.places.edge = self.index.len();
+        self.places.lit = self.index.len();
         if !self.index.is_empty() {
             self.light.fill(&near.spot, &self.places, profiles);
         }
+    }
+
+    /// Takes those of a few samples that are near.
+    #[inline(always)]
+    fn take(
+        &mut self,
+        first: usize,
+        [du, dv]: [&[f32]; 2],
+        [shift_u, shift_v]: [f32; 2],
+        is_near: impl Fn(f32, f32) -> bool,
+    ) {
+        let (mut count, Self { index, places, .. }) = (self.index.len(), self);
+        index.resize(count + LANES, 0);
+        places.du.resize(count + LANES, 0.0);
+        places.dv.resize(count + LANES, 0.0);
+        // Each is written, and the next one over it unless it is near: branches cost more.
+        for (lane, (du, dv)) in du.iter().zip(dv).enumerate() {
+            (index[count], places.du[count], places.dv[count]) = ((first + lane) as u32, du + shift_u, dv + shift_v);
+            count += usize::from(is_near(*du, *dv));
+        }
+        index.truncate(count);
+        places.du.truncate(count);
+        places.dv.truncate(count);
     }
 
     /// Adds the neighbour's light to that on the samples.

@@ -208,23 +208,7 @@ fn multiply(
 /// Adds the weighted products of a column with others, for whole lanes.
 #[inline(always)]
 fn add<const N: usize>(weight: &[f32], column: &[f32], others: [&[f32]; N], sums: &mut [Lanes; N]) {
-    let count = weight.len() / LANES;
-    let [weights, columns] = [weight, column].map(|values| &values.as_chunks::<LANES>().0[..count]);
-    let chunks = others.map(|other| &other.as_chunks::<LANES>().0[..count]);
-    // Sums of their own stay in registers, as long as they are not added up here.
-    let mut own = *sums;
-    for chunk in 0..count {
-        let mut weighted = [0.0; LANES];
-        for lane in 0..LANES {
-            weighted[lane] = weights[chunk][lane] * columns[chunk][lane];
-        }
-        for k in 0..N {
-            for lane in 0..LANES {
-                own[k][lane] += weighted[lane] * chunks[k][chunk][lane];
-            }
-        }
-    }
-    *sums = own;
+    add_some(weight, [column], others, std::array::from_mut(sums));
 }
 
 /// Weighted sums of the products of a spot's columns with those of a neighbour, by whole lanes.
@@ -235,9 +219,44 @@ pub(crate) fn products_with(
     columns: [&[f32]; UNKNOWNS],
     products: &mut [[f64; 5]; UNKNOWNS],
 ) {
-    for (column, products) in columns.into_iter().zip(products) {
-        let mut sums = [[0.0; LANES]; 5];
-        add(weight, column, others, &mut sums);
-        products.iter_mut().zip(&sums).for_each(|(product, sum)| *product = total(sum));
+    // Several at once: sums that wait for one another take longer.
+    const SOME: usize = 3;
+    let (columns, products) = (columns.as_chunks::<SOME>().0, products.as_chunks_mut::<SOME>().0);
+    for (columns, products) in columns.iter().zip(products) {
+        let mut sums = [[[0.0; LANES]; 5]; SOME];
+        add_some(weight, *columns, others, &mut sums);
+        for (product, sum) in products.as_flattened_mut().iter_mut().zip(sums.as_flattened()) {
+            *product = total(sum);
+        }
     }
+}
+
+/// The same for some columns at once.
+#[inline(always)]
+fn add_some<const M: usize, const N: usize>(
+    weight: &[f32],
+    columns: [&[f32]; M],
+    others: [&[f32]; N],
+    sums: &mut [[Lanes; N]; M],
+) {
+    let count = weight.len() / LANES;
+    let weights = &weight.as_chunks::<LANES>().0[..count];
+    let columns = columns.map(|column| &column.as_chunks::<LANES>().0[..count]);
+    let others = others.map(|other| &other.as_chunks::<LANES>().0[..count]);
+    // Sums of their own stay in registers, as long as they are not added up here.
+    let mut own = *sums;
+    for chunk in 0..count {
+        for (column, own) in columns.iter().zip(&mut own) {
+            let mut weighted = [0.0; LANES];
+            for lane in 0..LANES {
+                weighted[lane] = weights[chunk][lane] * column[chunk][lane];
+            }
+            for (other, own) in others.iter().zip(own) {
+                for lane in 0..LANES {
+                    own[lane] += weighted[lane] * other[chunk][lane];
+                }
+            }
+        }
+    }
+    *sums = own;
 }
