@@ -311,8 +311,8 @@ impl<const N: usize> Cloud<N> {
             }
         }
         let mut totals = [0.0; 8];
-        for (total, lanes) in totals.iter_mut().zip(&sums) {
-            *total = self::total(lanes);
+        for (sum, lanes) in totals.iter_mut().zip(&sums) {
+            *sum = total(lanes);
         }
         let [x, y, z, xx, xy, yy, xz, yz] = totals;
         let share = 1.0 / count;

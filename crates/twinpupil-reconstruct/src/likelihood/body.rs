@@ -13,6 +13,7 @@ use crate::likelihood::pencil::length;
 use crate::likelihood::prior::{Expected, Prior};
 use crate::likelihood::refine::Sketch;
 use crate::likelihood::samples::{Share, Window};
+use crate::likelihood::soft::is_slanted;
 use crate::likelihood::spot::{Dot, Spot, SpotJacobian};
 
 /// A dot and its light.
@@ -383,7 +384,9 @@ impl Body {
     pub(crate) fn share(&self) -> Share {
         let is_settled = self.leant < APPROACHED_LEAN && self.leant_felt < APPROACHED_LEAN_FELT;
         let is_close = self.stride < APPROACHED_STRIDE && is_settled;
-        if self.is_lit || is_close || self.rounds >= APPROACH { Share::All } else { Share::Quarter }
+        // Dots that no depth is known of may rest at once, and their light falls on others.
+        let is_whole = self.is_lit || !self.tells_depth() || self.rounds >= APPROACH;
+        if is_whole || is_close { Share::All } else { Share::Quarter }
     }
 
     /// About how large the next step will be, of the position alone and with the diameter, in standard deviations: what
@@ -400,8 +403,9 @@ impl Body {
     fn pace_itself(&mut self) {
         let along = |a: &Vector4<f64>| self.last_step.dot(&(self.information * a));
         let (ratio, before_sigmas) = (along(&self.step) / along(&self.last_step), along(&self.last_step).sqrt());
-        // Other rows lead to another place, but for what the equations of a dot that masks cut leave out.
-        let is_like_before = self.seen == self.seen_before || self.bands.iter().flatten().any(|l| l.spot.is_clipped());
+        // Other rows lead to another place, and conics too, but for what the equations of a dot that masks cut leave out.
+        let is_cut = |light: &BandLight| light.spot.is_clipped() && !is_slanted(&light.spot);
+        let is_like_before = self.seen == self.seen_before || self.bands.iter().flatten().any(is_cut);
         let tells = self.rounds > 1
             && is_like_before
             && self.leant < APPROACHED_LEAN

@@ -144,3 +144,73 @@ fn within([low_px, high_px]: [f64; 2], origin_px: f64, step_px: f64, count: usiz
     let end = (((high_px - origin_px) / step_px).floor() + 1.0).clamp(0.0, count as f64) as usize;
     first..end.max(first)
 }
+
+#[cfg(test)]
+mod tests {
+    use twinpupil_instrument::{Frame, Mosaic, paper};
+
+    use super::*;
+    use crate::likelihood::outline::Outline;
+    use crate::likelihood::pencil::{Pencil, length};
+    use crate::likelihood::spot::{Dot, Raster, Spot};
+
+    const COLUMNS: usize = 160;
+    const ROWS: usize = 120;
+
+    fn rings(centre_px: [f64; 2], even_px: f64) -> Rings {
+        let instrument = paper::instrument();
+        let pencil = Pencil::of_band(&instrument, &instrument.bands[1], 100.0);
+        let raster = Raster { axis_px: [959.5, 599.5], pitch_mm: 0.00586 };
+        let dot = Dot { centre_mm: [4.0, -3.0, 310.0], diameter_mm: 1.0, slopes: [0.9, 0.3] };
+        let spot = Spot { centre_px, ..Spot::of(&dot, &pencil, raster, None) };
+        let window_px = spot.reach_px() + 5.0;
+        Rings { outline: Outline::of(&spot), window_px, even_px, levels: [0.0; 2], grain: 1, rise: 0.0 }
+    }
+
+    #[test]
+    fn rows_hold_what_lies_within_the_curves() {
+        let frame = Frame::new(COLUMNS, ROWS, 4095, vec![vec![0; COLUMNS * ROWS]]).expect("a legal frame");
+        let places_px = [[80.3, 59.8], [1.0, 2.0], [158.5, 118.2], [-20.0, 60.0], [700.0, -300.0]];
+        for (step, origin) in [(1, 0), (2, 1), (3, 2)] {
+            let mut plane = frame.plane(Mosaic::Mono, "0").expect("page 0");
+            (plane.step_px, plane.origin_px) = (step, [origin; 2]);
+            (plane.columns, plane.rows) = ((COLUMNS - origin).div_ceil(step), (ROWS - origin).div_ceil(step));
+            for (centre_px, even_px) in
+                places_px.into_iter().flat_map(|place| [-3.0, 20.17, f64::INFINITY].map(|even_px| (place, even_px)))
+            {
+                for grain in 1..=4 {
+                    check(&rings(centre_px, even_px), &Blocks::of(&plane, grain));
+                }
+            }
+        }
+    }
+
+    fn check(rings: &Rings, blocks: &Blocks<'_>) {
+        let mut crossings = Crossings::default();
+        crossings.find(rings, blocks);
+        let [u_px, v_px] = rings.outline.centre_px;
+        let [outer, inner] = [Side::Outer, Side::Inner].map(|side| rings.outline.curve(side));
+        // Beyond the curve if above 0.
+        let beyond = |curve: &Curve, [du, dv]: [f64; 2]| {
+            (du + curve.lean * dv).powi(2) - (curve.size2 - curve.narrowing * dv * dv)
+        };
+        let mut found = 0;
+        for row in (0..crossings.len()).map(|index| crossings.row(index, blocks)) {
+            for column in 0..blocks.columns {
+                let place = [blocks.u_px(column) - u_px, blocks.v_px(row.row) - v_px];
+                let holds = |span: Span| (span.first..span.end).contains(&column);
+                let (is_whole, is_outer) = (length(place) <= rings.window_px, beyond(&outer, place) <= 0.0);
+                let (is_inner, is_even) = (beyond(&inner, place) <= 0.0, length(place) <= rings.even_px);
+                let expected = [is_whole, is_whole && is_outer, is_whole && is_outer && is_inner];
+                assert_eq!([row.whole, row.outer, row.inner].map(holds), expected, "{place:?}");
+                assert_eq!(holds(row.even), expected[2] && is_even, "{place:?}");
+                found += usize::from(is_whole);
+            }
+        }
+        let is_near = |row: usize, column: usize| {
+            length([blocks.u_px(column) - u_px, blocks.v_px(row) - v_px]) <= rings.window_px
+        };
+        let all = (0..blocks.rows).flat_map(|row| (0..blocks.columns).map(move |column| (row, column)));
+        assert_eq!(found, all.filter(|(row, column)| is_near(*row, *column)).count());
+    }
+}

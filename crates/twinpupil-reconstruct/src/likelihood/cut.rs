@@ -271,6 +271,7 @@ fn close(circle: &Circle, inside: f32, places: &Places, touched: &mut [f32], ope
 }
 
 /// The open share where several circles may overlap, one of them a rim.
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma"))]
 fn open_by_lines(way: &Way, local: &Local, places: &Places, touched: &[f32], open: &mut [f32]) {
     let touched: Vec<u32> = (0..places.len() as u32).filter(|index| touched[*index as usize] > 0.0).collect();
     for indices in touched.chunks(LANES) {

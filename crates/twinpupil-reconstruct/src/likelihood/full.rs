@@ -287,7 +287,7 @@ impl Tally {
         }
     }
 
-    /// Adds pixels to the sums that count.
+    /// Adds pixels; those whose count is 0 only repeat another's code.
     #[inline(always)]
     fn add_lanes(&mut self, values: &Lanes, counts: &Lanes, along_px: &Lanes, dv_px: f32) {
         let level = self.full.level as f32;

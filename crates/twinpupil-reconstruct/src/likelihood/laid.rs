@@ -43,7 +43,8 @@ impl Bend {
             let (uu, uv, vv) = (du * du, du * dv, dv * dv);
             straight.push(du - au * uu - bu * uv - cu * vv, dv - av * uu - bv * uv - cv * vv);
         }
-        (straight.edge, straight.lit, straight.square_px) = (places.edge, places.lit, places.square_px);
+        let Places { edge, lit, square_px, closely, .. } = *places;
+        (straight.edge, straight.lit, straight.square_px, straight.closely) = (edge, lit, square_px, closely);
     }
 
     /// Moves places to where the light would be as strong if the blur were everywhere as it is at the centre: the light t

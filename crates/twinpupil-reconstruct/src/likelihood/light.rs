@@ -1,7 +1,7 @@
 //! The light of a spot at places on the page, and how it changes with the spot.
 //!
-//! Products and sums are fused (`mul_add`) where kernels are made of them: a tenth of the time of slanted edges. Processors that
-//! cannot fuse call a function for it, and take several times as long.
+//! Products and sums of kernels are fused (`mul_add`): a tenth of the time of slanted edges. So all that calls them in loops has to be
+//! made for processors that can fuse (`multiversion`); those that cannot call a function for it, and take several times as long.
 
 use crate::likelihood::chords::{LANES, Lanes, padded};
 use crate::likelihood::cut::{Meetings, cut};

@@ -211,26 +211,6 @@ fn add<const N: usize>(weight: &[f32], column: &[f32], others: [&[f32]; N], sums
     add_some(weight, [column], others, std::array::from_mut(sums));
 }
 
-/// Weighted sums of the products of a spot's columns with those of a neighbour, by whole lanes.
-#[multiversion(targets("x86_64+avx512f", "x86_64+avx2", "x86_64+avx"))]
-pub(crate) fn products_with(
-    others: [&[f32]; 5],
-    weight: &[f32],
-    columns: [&[f32]; UNKNOWNS],
-    products: &mut [[f64; 5]; UNKNOWNS],
-) {
-    // Several at once: sums that wait for one another take longer.
-    const SOME: usize = 3;
-    let (columns, products) = (columns.as_chunks::<SOME>().0, products.as_chunks_mut::<SOME>().0);
-    for (columns, products) in columns.iter().zip(products) {
-        let mut sums = [[[0.0; LANES]; 5]; SOME];
-        add_some(weight, *columns, others, &mut sums);
-        for (product, sum) in products.as_flattened_mut().iter_mut().zip(sums.as_flattened()) {
-            *product = total(sum);
-        }
-    }
-}
-
 /// The same for some columns at once.
 #[inline(always)]
 fn add_some<const M: usize, const N: usize>(
@@ -259,4 +239,25 @@ fn add_some<const M: usize, const N: usize>(
         }
     }
     *sums = own;
+}
+
+/// Weighted sums of the products of a spot's columns with those of a neighbour, by whole lanes.
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2", "x86_64+avx"))]
+pub(crate) fn products_with(
+    others: [&[f32]; 5],
+    weight: &[f32],
+    columns: [&[f32]; UNKNOWNS],
+    products: &mut [[f64; 5]; UNKNOWNS],
+) {
+    // Several at once: sums that wait for one another take longer.
+    const SOME: usize = 3;
+    const { assert!(UNKNOWNS.is_multiple_of(SOME)) };
+    let (columns, products) = (columns.as_chunks::<SOME>().0, products.as_chunks_mut::<SOME>().0);
+    for (columns, products) in columns.iter().zip(products) {
+        let mut sums = [[[0.0; LANES]; 5]; SOME];
+        add_some(weight, *columns, others, &mut sums);
+        for (product, sum) in products.as_flattened_mut().iter_mut().zip(sums.as_flattened()) {
+            *product = total(sum);
+        }
+    }
 }

@@ -89,8 +89,8 @@ const EDGE_MANY: f64 = 480.0;
 /// A window with fewer samples than this is looked at as a whole.
 const SAMPLES_FEW: usize = 256;
 
-/// The edges of a spot may move by so much before its window is read again, px, and by this share of their widths; what moves
-/// against them, those of others, by as much.
+/// The edges of a spot may move by so much before its window is read again, px, or by this share of how far they are felt, whichever
+/// is more; and those of others against them by as much.
 const SLACK_PX: f64 = 1.0;
 const SLACK_SHARE: f64 = 0.1;
 
@@ -157,7 +157,6 @@ impl Samples {
         }
         let (mut window, _) = self.read_even(&pixels, noise, &rings);
         if !window.full.is_even(noise, plane.code_max) {
-            self.crossings.find(&rings, &pixels);
             let crossed = (0..self.crossings.len()).map(|row| self.crossings.row(row, &pixels));
             let inside = crossed.map(|row| row.full(&pixels)).filter(|row| row.count > 0);
             window.full = window.full.without_foreign(noise, plane.code_max, inside);
@@ -212,9 +211,9 @@ impl Samples {
         let first = counts(zones);
         let mut tallies = rings.levels.map(|level| Tally::about(level, blocks.pixels()));
         let read = Read { blocks, likeness, crossings, sums_ground, every };
-        let is_quarter_whole = read_rows(&read, Share::Quarter, reading, zones, &mut tallies);
+        let is_quarter_whole = read_rows(&read, true, reading, zones, &mut tallies);
         let quarter = counts(zones);
-        let are_others_whole = read_rows(&read, Share::All, reading, zones, &mut tallies);
+        let are_others_whole = read_rows(&read, false, reading, zones, &mut tallies);
         let [full, ground] = tallies.map(Tally::finish);
         let ends = [quarter, counts(zones)];
         let (pixels, square_px) = (blocks.pixels(), blocks.square_px());
@@ -296,15 +295,14 @@ struct Read<'a> {
 #[multiversion(targets("x86_64+avx512f", "x86_64+avx2", "x86_64+avx"))]
 fn read_rows(
     read: &Read<'_>,
-    share: Share,
+    of_quarter: bool,
     reading: &mut Reading,
     zones: &mut [Zone; ZONES],
     tallies: &mut [Tally; 2],
 ) -> bool {
     let mut is_whole = true;
     for row in 0..read.crossings.len() {
-        let is_of_quarter = row & (read.every - 1) == 0;
-        if is_of_quarter == (share == Share::Quarter) {
+        if of_quarter == (row & (read.every - 1) == 0) {
             is_whole &= read.row(&read.crossings.row(row, read.blocks), reading, zones, tallies);
         }
     }

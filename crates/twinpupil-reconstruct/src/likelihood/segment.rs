@@ -137,19 +137,20 @@ pub(crate) fn meeting(conic: Conic) -> f32 {
     let (start, is_crossed) = (x0.clamp(-1.0, 1.0), x0.abs() < 1.0);
     let [(x1, y1), (x2, y2)] = conic.crossings(start, y0);
     let (dx, dy) = (x1 - x2, y1 - y2);
-    // Times half the chord's length: how far it lies along its normal from the centre of the disc.
+    // Times the chord's length: half of it, and how far it lies along its normal from the centre of the disc.
     let half_square = 0.5 * dx.mul_add(dx, dy * dy).max(1e-12);
     let beyond = 0.5 * (x1 + x2).mul_add(dy, -(y1 + y2) * dx);
-    // Times det M: where the centre of the ellipse lies, how far from it the chord, and K.
-    let det = a.mul_add(c, -b * b).max(1e-12);
+    // Times det M: where the centre of the ellipse lies, K, and times the chord's length too how far that lies from there.
+    let det = a.mul_add(c, -b * b).max(1e-14);
     let (middle_x, middle_y) = (b.mul_add(e, -g * c), g.mul_add(b, -a * e));
     let beyond_ellipse = beyond.mul_add(det, middle_y.mul_add(dx, -middle_x * dy));
-    let square = (-g.mul_add(middle_x, e.mul_add(middle_y, one * det))).max(1e-12 * det);
-    // One division for K and its inverse.
-    let inverse = 1.0 / (square * det * det);
+    let square = (-g.mul_add(middle_x, e.mul_add(middle_y, one * det))).max(1e-6 * det);
+    // One division for the inverse of K, det²/square det, and that of det M.
+    let inverse = 1.0 / (square * det);
+    let per_det = square * inverse;
     let along = 0.25 * (a * dx).mul_add(dx, (2.0 * b).mul_add(dx, c * dy) * dy);
-    let sin2 = (along * inverse * (det * det * det)).min(1.0);
-    let size = square * square * inverse * det.sqrt();
+    let sin2 = (along * inverse * (det * det)).min(1.0);
+    let size = square * (per_det * per_det) * det.sqrt();
     // η − sinη cosη of both segments.
     let product = sin2.mul_add(-sin2, sin2).sqrt();
     let is_acute = beyond_ellipse > 0.0;
@@ -165,7 +166,7 @@ pub(crate) fn meeting(conic: Conic) -> f32 {
 /// Up to this sin²η [`small_segment`] is good to 10⁻⁷.
 const SERIES: f32 = 0.12;
 
-/// `η − sinη cosη` of a small angle, by `η = sinη cosη (1 + 2/3 sin²η + 2·4/3·5 sin⁴η + …)`.
+/// `η − sinη cosη` of a small angle, by `η = sinη cosη (1 + 2/3 sin²η + 2·4/(3·5) sin⁴η + …)`.
 #[inline(always)]
 fn small_segment(product: f32, sin2: f32) -> f32 {
     const COEFFICIENTS: [f32; 6] = [2.0 / 3.0, 8.0 / 15.0, 16.0 / 35.0, 128.0 / 315.0, 256.0 / 693.0, 1024.0 / 3003.0];
@@ -196,6 +197,13 @@ mod tests {
         sum * 2.0 / LINES as f64 / std::f64::consts::PI
     }
 
+    impl Conic {
+        fn scaled(self, by: f32) -> Self {
+            let Self { xx, xy, yy, x, y, one } = self;
+            Self { xx: by * xx, xy: by * xy, yy: by * yy, x: by * x, y: by * y, one: by * one }
+        }
+    }
+
     /// The disc of radius `size` about (u, v), sheared.
     fn ellipse(size: f32, u: f32, v: f32, shear: f32, narrow: f32) -> Conic {
         // |((x − u) + shear (y − v), (y − v)/narrow)|² < size²
@@ -212,14 +220,15 @@ mod tests {
 
     #[test]
     fn two_segments_make_the_meeting() {
-        for size in [2.0_f32, 5.0, 20.0] {
+        for size in [2.0_f32, 5.0, 20.0, 200.0] {
             for narrow in [0.8_f32, 1.0] {
                 for shear in [-0.3, 0.0, 0.2] {
                     for angle_rad in [0.0_f32, 0.7, 1.6, 3.0, 4.4] {
                         for off in [-0.95, -0.7, -0.2, 0.0, 0.4, 0.8, 0.95] {
                             let reach = size + off;
                             let (u, v) = (reach * angle_rad.cos(), reach * narrow * angle_rad.sin());
-                            let conic = ellipse(size, u, v, shear, narrow);
+                            // In units of the dot's radius, as it is of a dot behind the pupil.
+                            let conic = ellipse(size, u, v, shear, narrow).scaled(1.0 / (size * size));
                             let (found, expected) = (f64::from(meeting(conic)), counted(conic));
                             assert!(
                                 (found - expected).abs() < 1e-4,

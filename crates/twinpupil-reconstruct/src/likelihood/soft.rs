@@ -230,7 +230,7 @@ impl Overlap {
         let kite = (q + 1.0).mul_add(q + 1.0, -beta2) * t.mul_add(-t, beta2);
         // 2 q times the half chord, and what lies between it and either centre.
         let chord = kite.max(0.0).sqrt();
-        let (of_dot, of_blur) = (Octant::of(chord, q2 + (1.0 - beta2)), Octant::of(chord, q2 - (1.0 - beta2)));
+        let (of_dot, of_blur) = (Octant::of(chord, q2 + (1.0 - beta2)), Octant::of(chord, t.mul_add(q + 1.0, beta2)));
         // One division for all.
         let inverse = 1.0 / (q * of_dot.long * of_blur.long);
         let per_q = inverse * of_dot.long * of_blur.long;

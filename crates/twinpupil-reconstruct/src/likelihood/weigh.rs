@@ -7,7 +7,7 @@ use crate::likelihood::chords::{LANES, Lanes, lanes, padded};
 use crate::likelihood::light::{Light, Places};
 
 /// Weights and residuals of pixels, for derivatives of the light alone: what the illumination and the end of the scale
-/// do to a code, and so to all of its derivatives, is in the weight. What fills the last [`LANES`] has none.
+/// do to a code, and so to all of its derivatives, is in the weight. What fills the last [`LANES`] has neither.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Weights {
     pub(crate) weight: Vec<f32>,
@@ -115,6 +115,7 @@ fn weigh(
         let last = pixels.map(|(_, rest)| padded(rest));
         (*weights, *residuals) = weigh_lanes(last.each_ref(), levels, judge, &ground);
         weights[codes.len() % LANES..].fill(0.0);
+        residuals[codes.len() % LANES..].fill(0.0);
     }
 }
 

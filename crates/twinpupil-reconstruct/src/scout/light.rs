@@ -130,7 +130,7 @@ fn read_alone(light: &Light<'_>, row: usize, first: usize, contrasts: &mut [f32]
 
 /// Reads what is made of every `step`-th code, as many as there is place for.
 #[inline(always)]
-pub(crate) fn read_every(line: &[u16], step: usize, number: impl Fn(u16) -> f32, numbers: &mut [f32]) {
+fn read_every(line: &[u16], step: usize, number: impl Fn(u16) -> f32, numbers: &mut [f32]) {
     match step {
         1 => numbers.iter_mut().zip(line).for_each(|(value, code)| *value = number(*code)),
         2 => {
