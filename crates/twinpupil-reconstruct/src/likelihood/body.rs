@@ -384,9 +384,10 @@ impl Body {
     pub(crate) fn share(&self) -> Share {
         let is_settled = self.leant < APPROACHED_LEAN && self.leant_felt < APPROACHED_LEAN_FELT;
         let is_close = self.stride < APPROACHED_STRIDE && is_settled;
-        // Dots that no depth is known of may rest at once, and their light falls on others.
-        let is_whole = self.is_lit || !self.tells_depth() || self.rounds >= APPROACH;
-        if is_whole || is_close { Share::All } else { Share::Quarter }
+        // Those that no depth is known of may rest at once, and their light falls on others.
+        let may_rest = || !self.tells_depth() && self.bands.iter().flatten().any(|light| is_slanted(&light.spot));
+        let is_whole = self.is_lit || is_close || self.rounds >= APPROACH || may_rest();
+        if is_whole { Share::All } else { Share::Quarter }
     }
 
     /// About how large the next step will be, of the position alone and with the diameter, in standard deviations: what
