@@ -60,8 +60,7 @@ impl Near {
                 self.take(chunk * LANES, [du, dv], [shift_u, shift_v], is_near);
             }
         }
-        self.places.edge = self.index.len();
-        self.places.lit = self.index.len();
+        (self.places.edge, self.places.lit) = (self.index.len(), self.index.len());
         if !self.index.is_empty() {
             self.light.fill(&near.spot, &self.places, profiles);
         }

@@ -178,6 +178,7 @@ impl Samples {
     /// Reads samples, with sums over the ground where that is even; whether the pixels of every sample are alike.
     fn read_even(&mut self, blocks: &Blocks<'_>, noise: &Noise, rings: &Rings) -> (Window, bool) {
         let likeness = Likeness::new(noise, rings.rise, blocks.plane.code_max);
+        self.crossings.find(rings, blocks);
         let (window, is_whole) = self.read_zones(blocks, &likeness, rings, rings.even_px >= rings.window_px);
         if window.ground.is_even(noise, blocks.plane.code_max) {
             return (window, is_whole);
@@ -200,7 +201,6 @@ impl Samples {
         sums_ground: bool,
     ) -> (Window, bool) {
         let Self { zones, crossings, reading } = self;
-        crossings.find(rings, blocks);
         let area = crossings.len() * (2.0 * rings.window_px / blocks.step_px) as usize;
         let edge = rings.outline.edge_px2() / (blocks.step_px * blocks.step_px);
         let every = match area < SAMPLES_FEW {
